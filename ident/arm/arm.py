@@ -43,7 +43,7 @@ from ident.units import stiffness_unit
 # What drives, belts and stroke of an arm must be like to go together.
 
 AT_LIMIT = 1e-9
-"""Angle [rad] by which a stroke may end beyond a joint limit: rounding."""
+"""Largest angle [rad] of a stroke's end beyond a joint limit, for rounding."""
 PARALLEL = 1e-6
 """Angle between axes [rad] up to which they count as parallel; assumed."""
 
@@ -264,7 +264,7 @@ class Arm(eqx.Module):
     Attributes:
         name: what the arm is called.
         joints: from the base outwards, the undriven ones included.
-        points: named points; the last one is the end point, by which mode shapes are drawn and labelled.
+        points: named points; the last one is the end point, used to draw and label mode shapes.
         payloads: bodies that a load case may add.
         gravity: (3,) [m/s^2] in the base frame.
         drives: harmonic drives, which static deflection and modes do not ask for.
@@ -273,7 +273,7 @@ class Arm(eqx.Module):
         workspace: where it may be held, besides the joint limits.
         servos: what holds the motors where no brake does; only measurements with a servo on ask for them.
         springs: of bushings whose torque is no straight line over the angle.
-        damping: beside that of the bushings, in proportion to mass.
+        damping: mass-proportional damping in addition to that of the bushings.
     """
 
     name: str = eqx.field(static=True)

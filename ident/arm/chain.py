@@ -75,7 +75,7 @@ class Moments(eqx.Module):
 def moments(arm: Arm, loads: Loads, rank: int) -> tuple[Moments, Moments]:
     """Return the moments of all before each pin along the shaft's axes, and behind it, with loads, along the link's.
 
-    A mass at a point is a body of 1 kg, a share of which is there, as of a payload.
+    A point mass is a body of 1 kg scaled by its share, like a payload.
 
     Args:
         arm: the arm.
@@ -235,7 +235,7 @@ class Chain(eqx.Module):
         loss: (3, 3, N, *batch) [N m/rad] what bushing j loses by its loss factors, see `Joint`; None without any.
         alpha: (*batch) [1/s] damping per mass; None without any.
         curved: where springs are no straight lines; None where all are.
-        motors: those that servos hold, where some do; else the pins are fixed.
+        motors: motors held by servos; without any, the pins are fixed.
         couple: (3, P, *batch) [N m] moment at phi = 0 on the body of each named point, see `potential_energy`; None
             where there is none.
         rigid: (3, 3, N, *batch) projectors on the directions in which bushings are rigid; None where all give.
@@ -312,7 +312,7 @@ def at_posture(
         servo: 1 where the arm's servos hold the motors, 0 where brakes do; brakes everywhere when None.
 
     Raises:
-        ModelError: the posture has not one angle per driven joint, or fewer batch dimensions than the arm.
+        ModelError: the posture does not have one angle per driven joint, or has fewer batch dimensions than the arm.
     """
     posture = jnp.asarray(posture)
     if posture.shape[:1] != (len(arm.driven),):

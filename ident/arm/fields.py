@@ -56,7 +56,7 @@ class Field:
         short: what it is called where stiffness alone is spoken of; `words`, unless given.
         read_unit: unit that people read it in; `unit`, unless given.
         read_size: size of that unit in SI units.
-        redesigned: whether a redesign asks for its effect unless it is told which numbers to ask for.
+        redesigned: whether a redesign studies its effect by default.
     """
 
     part: str
@@ -182,6 +182,6 @@ def field_named(name: str) -> Field:
 
 
 def field_of(path: str) -> Field | None:
-    """Return the field that a path `link2.com.x` is of; None for what is no path of an arm."""
+    """Return the field of a path `link2.com.x`; None if it is not a path of an arm."""
     _, _, rest = path.partition(".")
     return _BY_NAME.get(rest.partition(".")[0])

@@ -1,4 +1,4 @@
-"""An arm cut at further places where it might give: under its foot and in the middle of its links."""
+"""An arm with additional hinges where it might be elastic: under its foot and in the middle of its links."""
 
 from typing import Any, NamedTuple
 
@@ -14,11 +14,11 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 class Hinge(NamedTuple):
-    """A place where the arm is cut.
+    """An additional hinge of the arm.
 
     Attributes:
-        place: among the joints of the cut arm.
-        beside: place of the joint whose link it cuts; of joint 1 for the base.
+        place: index among the joints of the cut arm.
+        beside: index of the joint whose link it cuts; of joint 1 for the base.
         link: whether it cuts a link.
     """
 
@@ -28,12 +28,12 @@ class Hinge(NamedTuple):
 
 
 class CutArm(eqx.Module):
-    """An arm with undriven bushings of stiffness 1 N m/rad at its hinges: at rest there, it is the arm that was cut.
+    """An arm with undriven bushings of stiffness 1 N m/rad at its hinges; with these at rest it is the original arm.
 
     Attributes:
         arm: the same bodies, points and payloads; without drives, belts and stroke.
-        own: places of the joints that the arm had before.
-        hinges: the others.
+        own: indices of the original joints.
+        hinges: the additional ones.
         height: [m] of bushing 1 above the hinge of the base.
     """
 
@@ -43,21 +43,21 @@ class CutArm(eqx.Module):
     height: float = eqx.field(static=True)
 
     def pieces(self, place: int) -> tuple[int, ...]:
-        """Return the places of the joints that carry a link: that of its joint, and of the hinge in its middle."""
+        """Return the indices of the joints that carry a link: its own joint, and the hinge in its middle."""
         return (place, *(hinge.place for hinge in self.hinges if hinge.link and hinge.beside == place))
 
     def link_end(self, place: int) -> Float[Array, "3"]:
-        """Return where a link ends, from its joint's bushing [m]."""
+        """Return the end of a link relative to its joint's bushing [m]."""
         _, *hinges = self.pieces(place)
         return 2 * self.arm.joints[hinges[0]].offset if hinges else end_of(self.arm, place)
 
 
 def cut(arm: Arm) -> CutArm:
-    """Cut an arm under its foot and in the middle of each link, unless it has a bushing without a pin there already.
+    """Cut an arm under its foot and in the middle of each link, unless it already has a bushing without a pin there.
 
-    A link's middle is half way to the next bushing, or to the arm's last point; what has its centre beyond lies beyond
-    the hinge, whose axis is along the link. The base's hinge is below bushing 1 by half the longest distance between
-    neighbouring bushings, its axis along the base frame's z.
+    A link's middle is half way to the next bushing, or to the arm's last point. Bodies whose centre is farther out lie
+    beyond the hinge, whose axis is along the link. The base's hinge is below bushing 1 by half the longest distance
+    between neighbouring bushings, with its axis along the base frame's z.
     """
     ends = [np.asarray(end_of(arm, n)) for n in range(len(arm.joints))]
     height = float(max(np.linalg.norm(end) for end in ends[:-1] or ends)) / 2
@@ -69,7 +69,7 @@ def cut(arm: Arm) -> CutArm:
         hinges.append(Hinge(0, 1, link=False))
     after = [*(joint.driven for joint in arm.joints[1:]), True]
     for joint, further, end in zip(arm.joints, after, ends, strict=True):
-        # links of some length are cut, between bushings that have pins, or at the arm's end
+        # cut links of nonzero length, between bushings with pins, or at the arm's end
         rigid = joint.driven and further and bool(np.linalg.norm(end) > 1e-6)
         own.append(len(joints))
         beyond = [rigid and bool(_beyond(body.com, end)) for body in joint.link]
@@ -83,7 +83,7 @@ def cut(arm: Arm) -> CutArm:
             joints.append(_hinge(_middle(joint.name), at, end / np.linalg.norm(end), outer))
 
     def half_way(joint: str, place: Any) -> np.ndarray | None:
-        """Return the hinge in the middle of a joint's link, if a place on the link lies beyond it."""
+        """Return the hinge in the middle of a joint's link if a place on the link lies beyond it."""
         end = cuts.get(joint)
         return None if end is None or not _beyond(place, end) else end / 2
 
@@ -103,7 +103,7 @@ def _middle(name: str) -> str:
 
 
 def end_of(arm: Arm, place: int) -> Float[Array, "3"]:
-    """Return where a link ends, from its bushing [m]: at the last point, or else body; there, if it carries nothing."""
+    """Return the end of a link relative to its bushing [m]: the last point, or a body's centre, or zero."""
     if place + 1 < len(arm.joints):
         return arm.joints[place + 1].offset
     ends = [point.position for point in arm.points if point.joint == arm.joints[place].name]

@@ -8,7 +8,7 @@ Flat vectors and matrices run joint by joint: entry 3 j + a is component a of jo
 
 Notation: r a material point, p_j the centre of bushing j, w_j an angular velocity given to bushing j in base axes.
 
-Motors that servos hold, as coordinates beside the bushings: masses, dampers and springs of the whole arm.
+Motors held by servos, as coordinates in addition to the bushings: masses, dampers and springs of the whole arm.
 
 Coordinates are x = (phi, a): the bushings' rotation vectors joint by joint, then the turn a of each motor, counted as
 that of the pin of its own joint. With B the shares of the pins in it (`Motors.share`), pins turn by q = posture + B a.
@@ -384,7 +384,7 @@ def _shape(chain: Chain) -> tuple[int, ...]:
 
 
 # -------- Motors
-# Motors that servos hold, as coordinates beside the bushings: the equations stand at the file's head.
+# Motors held by servos, as coordinates in addition to the bushings: the equations stand at the file's head.
 
 Matrix = Float[Array, "n n *#batch"]
 Vector = Float[Array, "n *#batch"]
@@ -401,7 +401,7 @@ def system(chain: Chain, phi: Phi) -> tuple[Matrix, Matrix, Matrix]:
     """
     M, H = mass_matrix(chain, phi), potential_derivatives(chain, phi)[1]
     C = block_diagonal(chain.damping)
-    if chain.rigid is not None:  # what is rigid is a mode of its own, too
+    if chain.rigid is not None:  # each rigid coordinate is a mode of its own, too
         R = block_diagonal(chain.rigid)
         M = M + R
         H = H + _above_all(M, H) * R

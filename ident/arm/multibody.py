@@ -91,7 +91,7 @@ class Drives(eqx.Module):
         orders: of the transmission errors that some drive has, 2 first.
         error: (N, *batch) [rad] amplitude of the transmission error at each of them.
         error_phase: (N, *batch) [rad] likewise.
-        across: (3, 2, N, *batch) unit vectors across the axis, from the first of which the phase counts.
+        across: (3, 2, N, *batch) unit vectors across the axis; the phase counts from the first.
     """
 
     ratio: Float[Array, "N *#batch"]
@@ -686,7 +686,7 @@ def beyond_tangent(model: Multibody, rest: Phi, phi: Phi) -> tuple[Joints, Joint
 
 
 def drive_torques(model: Multibody, command: Command, y: Array, yd: Array, ydd: Array) -> Joints:
-    """Return the torque at each pin [N m] by which motors and belts make the arm follow its command.
+    """Return the torque [N m] of motors and belts at each pin that makes the arm follow its command.
 
     It is the torque at the wave generator times the ratio; zero where there is no pin.
     """
@@ -703,7 +703,7 @@ class Forces(NamedTuple):
 
     Attributes:
         force: (3, N, *batch) [N]
-        on_link: (3, N, *batch) [N m] moment about the bushing, for what is behind the pin.
+        on_link: (3, N, *batch) [N m] moment about the bushing from everything beyond the pin.
         on_shaft: (3, N, *batch) [N m] moment about the bushing, for shaft and pulley.
         on_pulley: (N, *batch) [N m] torque of the pulley about the axis.
     """

@@ -153,7 +153,7 @@ class Payload(eqx.Module):
 
 
 def inertia_problems(name: str, mass: Any, inertia: Any) -> Iterator[Problem]:
-    """Yield what is wrong with a mass or an inertia tensor that no body can have.
+    """Yield the problems of a mass or inertia tensor impossible for any body.
 
     A body's second moment tr(I)/2 - I of mass is positive semi-definite; this is the triangle inequality of its
     principal moments. Abstract values (under `jit` or `grad`) are not checked.
@@ -194,7 +194,7 @@ def order_name(drive: str, order: float) -> str:
 
 
 def order_problems(name: str, order: float) -> Iterator[Problem]:
-    """Yield what is wrong with the order of a further transmission error."""
+    """Yield problems of the order of a further transmission error."""
     if not 0 < order <= ORDER_MAX:
         remedy = "give the periods of the error in a turn of the wave generator"
         yield Problem(name, f"{order:g}", f"an order above 0, {ORDER_MAX} at most", remedy, "order")

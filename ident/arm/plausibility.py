@@ -1,4 +1,4 @@
-"""Plausibility checks of an arm's numbers: masses, inertias, lengths, and belts that could not run."""
+"""Plausibility checks of an arm's numbers: masses, inertias, lengths, and belts that cannot run."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ident.arm.fields import ALPHA, DAMPING, LOSS, STIFFNESS
 from ident.arm.parts import Belt, Body
 
 # -------- Belt condition
-# Whether belts can run: pulleys at both ends of a belt must pass the same length of it all along the stroke.
+# Belt condition: pulleys at both ends of a belt must pass the same length of it all along the stroke.
 #
 # Seen from the link along which a belt runs, the driver's pulley turns by theta1 - q1 = (N1 - 1) q1, since its shaft
 # turns by -q1, and the driven one, whose shaft is fixed to the link, by theta2 = N2 q2. With q = alpha direction the
@@ -30,11 +30,11 @@ class BeltMismatch:
 
     Attributes:
         belt: name of the belt.
-        stretch: () [m] by how much one span would grow over the stroke, and the other shrink.
-        allowed: () [m] at which the other span is slack: pretension / stiffness.
+        stretch: () [m] elongation of one span over the stroke, and shortening of the other.
+        allowed: () [m] stretch at which the other span is slack: pretension / stiffness.
         drive: name of the driven joint's drive.
-        ratio: () [-] with which that drive would keep the belt as it is.
-        radius: () [m] with which the driven pulley would; not positive where no radius does.
+        ratio: () [-] of that drive that would keep the stretch at zero.
+        radius: () [m] of the driven pulley that would; not positive where no radius does.
     """
 
     belt: str
@@ -53,10 +53,10 @@ class BeltMismatch:
 
 
 def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
-    """Return the belts that would be slack somewhere along the stroke; none without a stroke.
+    """Return the belts that become slack somewhere along the stroke; none without a stroke.
 
     Args:
-        arm: one arm, whose numbers are known.
+        arm: one arm, with concrete numbers.
     """
     if arm.stroke is None:
         return ()
@@ -81,7 +81,7 @@ def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
 
 
 def pin_shares(arm: "Arm", joint: str) -> dict[str, Any]:
-    """Return by how much the pins of the joints that belts tie to a joint turn with its own, by name; its own by 1.
+    """Return the turn of each joint's pin per turn of one joint's pin (1), for the joints tied to it by belts, by name.
 
     By the condition above; differentiable in the arm's numbers.
     """
@@ -104,12 +104,12 @@ def pin_shares(arm: "Arm", joint: str) -> dict[str, Any]:
 
 
 # -------- Oddity geometry
-# Sizes of an arm in its zero posture, in which all frames are parallel: links, reach, and what a bushing carries.
+# Sizes of an arm in its zero posture, where all frames are parallel: links, reach, and the load of each bushing.
 
 
 @dataclass(frozen=True)
 class Link:
-    """The bodies of a joint, and where the link ends.
+    """The bodies of a joint's link or shaft, and its end.
 
     Attributes:
         bodies: on the link, or on the shaft; payloads among those of the link.
@@ -122,7 +122,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Carried:
-    """What turns on a bushing, in the zero posture and without payloads.
+    """The bodies beyond a bushing, in the zero posture and without payloads.
 
     Attributes:
         mass: [kg]
@@ -136,7 +136,7 @@ class Carried:
 
 
 def link_end(arm: Arm, place: int) -> Float[np.ndarray, "3"]:
-    """Return where the link of a joint ends (3,) [m]: at the next bushing, or at its farthest point or mass centre."""
+    """Return the end of a joint's link (3,) [m]: the next bushing, or its farthest point or mass centre."""
     if place + 1 < len(arm.joints):
         return np.asarray(arm.joints[place + 1].offset, float)
     joint = arm.joints[place]
@@ -160,7 +160,7 @@ def reach_of(arm: Arm) -> float:
 
 
 def carried(arm: Arm) -> tuple[Carried, ...]:
-    """Return what each bushing carries."""
+    """Return the mass and inertia beyond each bushing."""
     mass, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
     found = []
     for joint in reversed(arm.joints):
@@ -190,7 +190,7 @@ def to_box(end: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> float:
 
 
 # -------- Oddities
-# What looks odd about an arm: numbers that an arm can have, so that no reader refuses them, but hardly has.
+# Implausible numbers of an arm: possible, so that no reader refuses them, but unlikely.
 #
 # A mass centre beyond its link, an inertia of no body of that size, a stiffness that its load bends by degrees, a
 # length in the wrong unit. Each check is a rule of thumb, wide enough that a sound arm passes; each finding names the
@@ -203,16 +203,16 @@ DENSEST, LIGHTEST = 23e3, 10.0
 SPARSEST, MOST_COMPACT = 0.05, 5e3
 """Mass over the cube of the reach [kg/m^3]: 10 to 1500 on arms that are sold, 0.3 on the arms of space stations."""
 LIGHTER = 100.0
-"""Factor by which a link's main body may be lighter than both neighbours': at most 20 on 15 arms, 1000 of grams."""
+"""Implausible mass ratio of both neighbours' main bodies to a link's: at most 20 on 15 arms, 1000 for grams as kg."""
 NEGLIGIBLE = 1e-3
-"""Share of all masses below which it makes no difference where a body's mass is, as of fingers that weigh nothing."""
+"""Share of the total mass below which a body's mass centre does not matter, as for very light fingers."""
 ENDS = 0.8
-"""Share of the reach before which an end point on another link than the last is no hand."""
+"""Share of the reach below which an end point on another link than the last is not the hand."""
 MOST_GIVING = 0.02
-"""Angle [rad] by which the weight beyond it may bend a bushing when it is held out level: a degree."""
+"""Largest angle [rad] of a bushing under the weight beyond it, held out level: a degree."""
 PROPORTION = 20.0
-"""Factor between stiffnesses of one arm that is odd, if what they carry does not explain it;
-assumed, and tried on sound arms and mistakes (tests/benchmarks/oddities.py)."""
+"""Implausible factor between stiffnesses of one arm, if their loads do not explain it; assumed, and tested on sound
+arms and on mistakes (tests/benchmarks/oddities.py)."""
 LOWEST, HIGHEST = 0.5, 200.0
 """First natural frequencies [Hz] of arms; assumed."""
 MOST_SAG = 0.02
@@ -220,10 +220,9 @@ MOST_SAG = 0.02
 MOST_DAMPED = 0.3
 """Damping ratio of one of the first modes; assumed."""
 LONG = 0.2
-"""Share of the reach from which a link is a long one: the links before and after the elbow, no turret and no wrist;
-assumed."""
+"""Share of the reach from which a link is long: the links before and after the elbow, not turret or wrist; assumed."""
 ALIKE, LEAST_ALIKE = 0.6, 3
-"""Share and number of bodies of one inertia that are odd, if their links are not alike; assumed."""
+"""Implausible share and number of bodies with the same inertia, if their links are not alike; assumed."""
 UNLIKE = 3.0
 """Factor between lengths, or masses, of links that are not alike; assumed."""
 FLATTEST, LARGEST_BOX = 0.1, 3.0
@@ -234,12 +233,12 @@ FARTHEST_TURN, LEAST_TURN = 25.0, 0.12
 
 @dataclass(frozen=True)
 class Oddity:
-    """A number that looks wrong.
+    """An implausible number.
 
     Attributes:
-        path: the number, or the vector or part that has it: `link2.com`.
-        got: what is odd about it.
-        expected: what would be expected, and what may have happened.
+        path: the number, or its vector or part: `link2.com`.
+        got: the implausible value.
+        expected: the expected value, and a possible cause.
     """
 
     path: str
@@ -255,18 +254,18 @@ def oddities(
     extents: Mapping[str, Float[np.ndarray, "2 3"]] | None = None,
     free: Collection[str] | None = None,
 ) -> tuple[Oddity, ...]:
-    """Return what looks odd about the numbers of an arm, one finding for each number.
+    """Return the implausible numbers of an arm, one finding for each.
 
     Args:
-        arm: one arm, whose numbers are known.
-        extents: lowest and highest corner of bodies whose shape is known, (2, 3) [m] in their joint's axes, by name.
-        free: numbers that are fitted, by path, where only these are compared; all are by default.
+        arm: one arm, with concrete numbers.
+        extents: lowest and highest corner of bodies with a shape, (2, 3) [m] in their joint's axes, by name.
+        free: fitted numbers, by path, to compare only these; all by default.
     """
     reach, extents = reach_of(arm), extents or {}
     every = links(arm)
     found = list(_lengths(arm, reach)) or list(_whole(arm, reach))
     found = found or [*_bodies(every, reach, extents), *_light(arm), *_placeholders(every, reach, extents)]
-    found += [] if found else [*_giving(arm), *_proportion(arm, free)]  # wrong masses make all odd
+    found += [] if found else [*_giving(arm), *_proportion(arm, free)]  # wrong masses affect all of these
     found += _end_point(arm, reach)
     first: dict[str, Oddity] = {}
     for each in (*found, *_limits(arm), *_drives(arm)):
@@ -281,7 +280,7 @@ def behaviour_oddities(
     energy: Float[np.ndarray, "2 N"],
     sag: float,
 ) -> Iterator[Oddity]:
-    """Yield what looks odd about how an arm behaves at a posture.
+    """Yield implausible properties of an arm at a posture.
 
     Args:
         arm: the arm.
@@ -311,7 +310,7 @@ def behaviour_oddities(
 
 
 def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:
-    """Yield lengths in the wrong unit: too long for an arm, or a thousandth of what the rest of it suggests."""
+    """Yield lengths in the wrong unit: too long for an arm, or a thousandth of the other lengths."""
     vectors = {f"{joint.name}.offset": joint.offset for joint in arm.joints}
     vectors |= {f"{point.name}.position": point.position for point in arm.points}
     sizes = {path: float(np.linalg.norm(vector)) for path, vector in vectors.items()}
@@ -329,7 +328,7 @@ def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:
 
 
 def _whole(arm: Arm, reach: float) -> Iterator[Oddity]:
-    """Yield a mass of the whole arm, also without its heaviest body, that is none for its reach."""
+    """Yield a total mass that does not match the reach (too heavy even without the heaviest body)."""
     masses = [0.0, *(float(body.mass) for body in arm.bodies)]
     whole, heavy = sum(masses), sum(masses) - max(masses) > MOST_COMPACT * reach**3
     if heavy or 0 < whole < SPARSEST * reach**3:
@@ -360,7 +359,7 @@ def _end_point(arm: Arm, reach: float) -> Iterator[Oddity]:
 
 
 def _bodies(every: Sequence[Link], reach: float, extents: Mapping[str, np.ndarray]) -> Iterator[Oddity]:
-    """Yield bodies that are not where their link is, or too heavy for their size."""
+    """Yield bodies away from their link, or too heavy for their size."""
     masses = {body.name: float(body.mass) for link in every for body in link.bodies}
     total = sum(masses.values())
     for link in every:
@@ -403,7 +402,7 @@ def _thousandth(vector: np.ndarray, length: float) -> str:
 
 
 def _density(path: str, mass: float, extent: np.ndarray) -> Iterator[Oddity]:
-    """Yield a mass that no material has in a box of that size."""
+    """Yield a mass impossible for any material in a box of that size."""
     size = extent[1] - extent[0]
     volume = float(np.prod(size))
     if not (volume > 0 and mass > 0) or LIGHTEST < mass / volume < DENSEST:
@@ -417,7 +416,7 @@ def _density(path: str, mass: float, extent: np.ndarray) -> Iterator[Oddity]:
 def _gyration(
     path: str, mass: float, inertia: np.ndarray, link: Link, com: np.ndarray, reach: float
 ) -> Iterator[Oddity]:
-    """Yield an inertia whose radius of gyration is larger than the body can be, or a speck."""
+    """Yield an inertia whose radius of gyration is larger than the body, or tiny."""
     largest = float(np.linalg.eigvalsh(inertia)[-1])
     if not (mass > 0 and largest > 0):
         return
@@ -430,7 +429,7 @@ def _gyration(
 
 
 def _placeholders(every: Sequence[Link], reach: float, extents: Mapping[str, np.ndarray]) -> Iterator[Oddity]:
-    """Yield what is odd about all bodies together, as in a description whose masses nobody has filled in."""
+    """Yield findings on all bodies together, as in a description with placeholder masses."""
     if same := _alike([(link, body) for link in every for body in link.bodies if body.name not in extents], reach):
         yield same
     long = [link for link in every if link.bodies and float(np.linalg.norm(link.end)) > LONG * reach]
@@ -453,7 +452,7 @@ def _placeholders(every: Sequence[Link], reach: float, extents: Mapping[str, np.
 
 
 def _alike(bodies: Sequence[tuple[Link, Body]], reach: float) -> Oddity | None:
-    """Return that most bodies have one inertia, though their links or masses are not alike."""
+    """Return the finding that most bodies share one inertia, though their links or masses differ."""
     tensors = [np.asarray(body.inertia) for _, body in bodies]
     groups = ([np.allclose(other, one, rtol=1e-6, atol=0) for other in tensors] for one in tensors if one.any())
     most = max(groups, key=sum, default=[])
@@ -489,7 +488,7 @@ def _longest_edge(mass: float, inertia: np.ndarray) -> float:
 
 
 def _giving(arm: Arm) -> Iterator[Oddity]:
-    """Yield stiffnesses that the weight beyond them bends by degrees, held out level."""
+    """Yield stiffnesses that deflect by degrees under the weight beyond them, held out level."""
     g = float(np.linalg.norm(arm.gravity))
     level = True  # whether every axis up to here is along gravity, so that torsion never carries weight
     for joint, beyond in zip(arm.joints, carried(arm), strict=True):
@@ -511,7 +510,7 @@ def _proportion(arm: Arm, free: Collection[str] | None) -> Iterator[Oddity]:
     loaded = {path: value / inertia[path.partition(".")[0]] for path, value in k.items()}
 
     def ratios(path: str) -> tuple[float, float, float]:
-        """Return the ratios to the median of the others of its direction, as it is and for its load; to that of all."""
+        """Return the ratios to the median of its direction, plain and relative to load, and to the overall median."""
         others = [each for each in k if each != path]
         like = [each for each in others if each.partition(".")[2] == path.partition(".")[2]] or [path]
         plain, by_load = (each[path] / float(np.median([each[p] for p in like])) for each in (k, loaded))

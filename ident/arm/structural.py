@@ -31,7 +31,7 @@ def structural_damping(M: Square, K: Square, L: Square) -> Square:
     Args:
         M: mass matrix, positive definite.
         K: stiffness matrix, positive definite.
-        L: what is lost: the loss factors times the stiffness matrices of what has them.
+        L: hysteretic damping: the sum of loss factors times their stiffness matrices.
     """
     W = inverse_cholesky_factor(M)
     C = matmul(M, transpose(W))  # W M W' = 1, so that M = C C'

@@ -1,1 +1,1 @@
-"""An arm as a file: TOML with the origin of every number, URDF, units, and what is wrong with a file in one line."""
+"""An arm as a file: TOML with the origin of every number, URDF, units, and one-line messages on its problems."""

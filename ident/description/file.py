@@ -30,19 +30,19 @@ from ident.errors import ARM_FILE, InputError, Problem, refusal
 from ident.text import decode, one_line, read_bytes
 
 # -------- Robot file
-# An arm of a robot description, URDF or MJCF, and the file of bushings beside it.
+# An arm from a robot description, URDF or MJCF, and its file of bushings.
 
 
 def robot_kind(data: bytes, where: str) -> str:
-    """Return what the root element of a robot description is called: robot of URDF, mujoco of MJCF."""
+    """Return the name of a robot description's root element: robot for URDF, mujoco for MJCF."""
     return str(robot_root(data, where).tag)
 
 
 def read_robot(path: str | PathLike[str], tip: str | None = None) -> Robot:
-    """Return the robot of a file, up to the link, body or site that the arm ends with, if one is named.
+    """Return the robot of a file, up to the link, body or site named as the end of the arm, if any.
 
     Raises:
-        InputError: it is no robot description of a serial arm, or the package that reads it is missing.
+        InputError: not a robot description of a serial arm, or the package that reads it is missing.
     """
     data = read_bytes(path, "a robot description (URDF or MJCF)")
     if robot_kind(data, one_line(str(path))) == "robot":
@@ -55,10 +55,10 @@ def read_robot(path: str | PathLike[str], tip: str | None = None) -> Robot:
 
 
 def robot_arm(path: str | PathLike[str], sha256: str) -> "ArmFile":
-    """Return the arm of a robot description, with the hash of its bytes; what that says has the origin `derived`.
+    """Return the arm of a robot description, with the hash of its bytes; numbers from it have the origin `derived`.
 
     Raises:
-        InputError: the description or the file of bushings is wrong.
+        InputError: the description or the file of bushings has errors.
     """
     file = beside(str(path))
     if not os.path.exists(file):
@@ -89,18 +89,18 @@ def robot_arm(path: str | PathLike[str], sha256: str) -> "ArmFile":
 
 @dataclass(frozen=True)
 class ArmFile:
-    """An arm and where it comes from.
+    """An arm and its source.
 
     Attributes:
         arm: the arm.
-        path: the file, as it was named.
+        path: the file, as given.
         sha256: hexadecimal digest of the file's bytes.
         origins: origin of every number, by its path in the arm.
-        extents: lowest and highest corner of each body that has a shape, (2, 3) [m] in its joint's axes, by name.
-        uncertain: numbers that are not exactly known, by path, with their standard deviation as `5%` or `2mm`.
-        bushings: the file of its bushings, where it is described by URDF or MJCF; None for TOML.
-        notes: where the arm is not what its URDF or MJCF says: joints that are held, limits that are none, other names.
-        lines: line of TOML on which each quantity stands, by its name as `link2.com`.
+        extents: lowest and highest corner of each body with a shape, (2, 3) [m] in its joint's axes, by name.
+        uncertain: numbers with a standard deviation, by path, written as `5%` or `2mm`.
+        bushings: the file of its bushings for URDF or MJCF; None for TOML.
+        notes: differences between the arm and its URDF or MJCF: held joints, ignored limits, other names.
+        lines: TOML line of each quantity, by its name as `link2.com`.
     """
 
     arm: Arm
@@ -118,24 +118,24 @@ class ArmFile:
         return f"{self.arm}\nfile: {one_line(self.path)}" if self.path else str(self.arm)
 
     def placed(self, problem: Problem) -> Problem:
-        """Return a problem of one of the arm's numbers with its file and line; any other as it is."""
+        """Add file and line to a problem of one of the arm's numbers; return any other unchanged."""
         line = self.lines.get(problem.column)
         where = one_line(self.path) + (f":{line}" if line else "")
         return replace(problem, where=where) if problem.where == ARM_FILE and where else problem
 
     @property
     def name(self) -> str:
-        """What results are called after: the file, or else the arm."""
+        """Name for results: the file's, or the arm's if there is no file."""
         return Path(self.path).stem or self.arm.name
 
 
 def read_arm(path: str | PathLike[str]) -> ArmFile:
-    """Return the arm that a TOML file describes, or URDF or MJCF with a file of bushings beside it.
+    """Return the arm of a TOML file, or of a URDF or MJCF file with a file of bushings in the same folder.
 
     The bushings of `robot.urdf`, or `robot.xml`, are in `robot.joints.toml`. Every number has its origin.
 
     Raises:
-        InputError: the file cannot be read or is not such a description; every problem is listed.
+        InputError: the file is unreadable or not such a description; all problems are listed.
     """
     where, expected = one_line(str(path)), "an arm description (TOML, URDF or MJCF)"
     data = read_bytes(path, expected)
@@ -151,7 +151,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:
-    """Return the arm that a TOML text describes; `where` names the text in errors."""
+    """Return the arm of a TOML text; `where` names the text in errors."""
     return parse_document(text, where).arm()
 
 
@@ -185,7 +185,7 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
     Args:
         text: a valid arm description.
         values: numbers in SI by path: as in `Arm.paths()`, and `link1.shape.size.x`, `shaft2.shape.radius`.
-        origin: the origin of these numbers from now on; a vector has one origin for all its components.
+        origin: the new origin of these numbers; a vector has one origin for all its components.
         where: names the text in errors.
     """
     before, document = parse_arm(text, where), tomlkit.parse(text)
@@ -198,15 +198,15 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
 
 
 def update_arm(text: str, arm: Arm, *, origin: Origin, where: str = "arm.toml") -> str:
-    """Return the TOML text of another arm of the same parts, with the origin of what differs.
+    """Return the TOML text of another arm with the same parts, with the origin of the changed numbers.
 
-    A shape stays where the inertia that follows from it is the arm's; else the inertia stands in its place. An arm on a
-    base that gives gets that base, of the origin `assumed`, before its first joint.
+    A shape stays if its inertia is that of the arm; otherwise the inertia replaces it. An elastic base is written
+    before the first joint, with the origin `assumed`.
 
     Args:
         text: a valid arm description.
-        arm: the arm that it is to describe.
-        origin: the origin of these numbers from now on.
+        arm: the arm to describe.
+        origin: the new origin of these numbers.
         where: names the text in errors.
 
     Raises:

@@ -1,6 +1,6 @@
 """Import of a serial arm from MJCF, read and placed by MuJoCo itself; its bushings are not in the file.
 
-All is taken at zero posture, every hinge at 0 as MuJoCo counts its angle, from MuJoCo's own kinematics.
+Positions are MuJoCo's own, at zero posture: every hinge at MuJoCo's angle 0.
 """
 
 import warnings
@@ -40,11 +40,11 @@ from ident.errors import InputError, Problem, placed, refusal, refuse, require
 from ident.text import NAME_RULE, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")
-"""How the hinges of a bushing are called, after the joint: about its axis, and about two directions across it."""
+"""Suffixes of a bushing's hinges: about the joint's axis, and about two directions across it."""
 PLACED = {"body", "inertial", "joint", "frame", "site", "geom", "option", "compiler", "mesh", "replicate"}
 NUMBERS = {"pos", "quat", "axis", "axisangle", "xyaxes", "zaxis", "euler", "fromto", "size", "mass", "density", "ref"}
 NUMBERS |= {"diaginertia", "fullinertia", "gravity", "scale", "offset", "boundmass", "boundinertia", "settotalmass"}
-"""Elements and attributes that say where masses are, and how much."""
+"""Elements and attributes with masses and their positions."""
 
 
 def read_mjcf(
@@ -52,22 +52,22 @@ def read_mjcf(
 ) -> Arm:
     """Return a serial arm from an MJCF file.
 
-    Hinges become driven joints with an empty shaft, but for those of bushings that `ident export` has written, of which
-    three without a driven one are an undriven joint; bodies welded to one another are one link. Joints that are not on
-    the way to the tip, as those of a gripper, are held at zero, and what they carry belongs to the link before them;
-    `ident.read_arm` says which. MuJoCo's world frame is the base frame; what is fixed to it is left out. The stiffness,
-    damping, friction and armature of a hinge are its motor's, which holds the joint, and are passed over. Geoms are
-    read only where a body's inertia follows from them.
+    Hinges become driven joints with an empty shaft, except those of bushings from `ident export`; three of these
+    without a driven hinge are an undriven joint. Bodies welded to one another are one link. Joints off the way to the
+    tip, such as those of a gripper, are held at zero, and their bodies belong to the link before them; `ident.read_arm`
+    lists them. MuJoCo's world frame is the base frame; everything fixed to it is omitted. Stiffness, damping, friction
+    and armature of a hinge belong to its motor, which holds the joint, and are ignored. Geoms are read only where a
+    body's inertia follows from them.
 
     Args:
         path: the MJCF file.
         stiffness: (k_bend, k_tors) [N m/rad] of every joint by name, or one pair for all.
         damping: (tau_bend, tau_tors) [s] of every joint by name, or one pair for all.
-        tip: body or site that the arm ends with, whose origin becomes the point `tip`; by default the only site of the
-            last link, else the origin of its body. Of several arms it names one.
+        tip: body or site at the end of the arm, whose origin becomes the point `tip`; by default the only site of the
+            last link, otherwise the origin of its body. For several arms it selects one.
 
     Raises:
-        InputError: the file is no MJCF, the robot no serial arm of hinges, or a joint lacks a value.
+        InputError: the file is not MJCF, the robot is not a serial arm of hinges, or a joint lacks a value.
     """
     read_bytes(path, "a robot description (MJCF)")
     robot = mjcf_robot(str(path), tip)
@@ -75,14 +75,14 @@ def read_mjcf(
 
 
 def mjcf_robot(path: str, tip: str | None = None) -> Robot:
-    """Return the robot that an MJCF file describes.
+    """Return the robot of an MJCF file.
 
     Args:
         path: the file.
-        tip: the body or site that the arm ends with; None for the end of the chain.
+        tip: the body or site at the end of the arm; None for the end of the chain.
 
     Raises:
-        InputError: MuJoCo is not installed or can't read the file, or the robot is no serial arm of hinges.
+        InputError: MuJoCo is not installed or can't read the file, or the robot is not a serial arm of hinges.
     """
     where = one_line(path)
     model, data, ties = at_zero(path, where)
@@ -101,7 +101,7 @@ def mjcf_robot(path: str, tip: str | None = None) -> Robot:
 
 
 def load_spec(path: str, where: str) -> Any:
-    """Return MuJoCo's specification of a file, which may be changed before it is compiled.
+    """Return MuJoCo's specification of a file, which can be changed before compilation.
 
     Raises:
         InputError: MuJoCo is not installed, or can't read the file.
@@ -136,7 +136,7 @@ def compiled(spec: Any, where: str) -> Any:
 
 
 def _is_heavy(body: Any) -> bool:
-    """Tell whether a body has mass and inertia, or one that is fixed to it has."""
+    """Whether a body, or another body fixed to it, has mass and inertia."""
     if body.explicitinertial:
         own = body.mass > 0 and bool(np.nansum(np.abs([*body.inertia, *body.fullinertia])) > 0)
     else:
@@ -165,10 +165,10 @@ def _unread(where: str, error: ValueError) -> InputError:
 
 
 def at_zero(path: str, where: str) -> tuple[Any, Any, "Ties"]:
-    """Return the model, its data at zero posture, and its equality constraints; shapes are dropped where they can be.
+    """Return the model, its data at zero posture, and its equality constraints; shapes are dropped where possible.
 
     Raises:
-        InputError: MuJoCo is not installed or can't read the file, or a number in it is none that a robot can have.
+        InputError: MuJoCo is not installed or can't read the file, or a number in it is impossible for a robot.
     """
     spec = load_spec(path, where)
     import mujoco
@@ -196,15 +196,15 @@ def at_zero(path: str, where: str) -> tuple[Any, Any, "Ties"]:
 
 @dataclass(frozen=True)
 class Ties:
-    """The equality constraints of a file, and ranges that leave a joint no room.
+    """The equality constraints of a file, and joint ranges of zero width.
 
     Attributes:
-        joints: joints that follow another one, by name, with the one that they follow; empty where that is constant.
-        polynomials: by which they follow it.
-        bodies: pairs of bodies or sites that are tied to one another, by name, and whether they are sites.
-        others: the joints that a constraint of another kind ties; None where that is not known.
+        joints: following joints by name, with their leader; empty for a constant position.
+        polynomials: of the followers, in the leader's position.
+        bodies: pairs of tied bodies or sites, by name, and whether they are sites.
+        others: joints of a constraint of another kind; None if unknown.
         ranges: equal limits of joints, by name.
-        renamed: the note on names that are others here.
+        renamed: the note on changed names.
     """
 
     joints: Mapping[str, str]
@@ -216,7 +216,7 @@ class Ties:
 
     @classmethod
     def of(cls, spec: Any, where: str) -> "Ties":
-        """Return the constraints of a specification; take them, equal limits and names that an arm can't have out."""
+        """Return the constraints of a specification; remove them from it, with equal limits and invalid names."""
         import mujoco
 
         parts = [*spec.bodies[1:], *spec.joints, *spec.sites]
@@ -238,7 +238,7 @@ class Ties:
             else:
                 others.append(None)
             spec.delete(each)
-        # what refers to them by name is nothing that an arm at rest has
+        # elements that refer to them by name do not matter for an arm at rest
         users = spec.actuators, spec.sensors, spec.tendons, spec.pairs, spec.excludes, spec.keys, spec.skins
         for user in [each for kind in (*users, spec.cameras, spec.lights) for each in kind]:
             spec.delete(user)
@@ -253,7 +253,7 @@ class Ties:
 
 
 def _wrong_numbers(spec: Any, where: str) -> Iterator[Problem]:
-    """Yield what MuJoCo would pass over in silence."""
+    """Yield wrong numbers that MuJoCo ignores silently."""
     for body in spec.bodies:
         if body.explicitinertial and not body.mass >= 0:
             yield Problem(f"{where}, body {body.name}", f"mass {body.mass:g}", "a mass >= 0 kg", "correct it")
@@ -265,7 +265,7 @@ def _wrong_numbers(spec: Any, where: str) -> Iterator[Problem]:
 
 
 def _not_sane(path: Path, where: str) -> Iterator[Problem]:
-    """Yield numbers that are not finite, or absurdly large, as the text has them: MuJoCo takes nan for left out."""
+    """Yield infinite, nan or absurdly large numbers of the text: MuJoCo treats nan as missing."""
     try:
         root = ElementTree.fromstring(path.read_bytes())
     except (OSError, ValueError, LookupError, ElementTree.ParseError):
@@ -284,7 +284,7 @@ def _not_sane(path: Path, where: str) -> Iterator[Problem]:
 
 
 def _drop_shapes(spec: Any) -> None:
-    """Remove the geoms that add no mass to what moves, and the meshes that then are of no use: they need no file."""
+    """Remove geoms without mass on moving bodies, and unused meshes, so that their files are not needed."""
     import mujoco
 
     given = spec.compiler.inertiafromgeom != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
@@ -308,16 +308,16 @@ def _moves(body: Any) -> bool:
 
 @dataclass(frozen=True)
 class _Tree:
-    """The bodies of a model, and which joints the arm has.
+    """The bodies of a model, and the joints of the arm.
 
     Attributes:
         model: MuJoCo's model.
         where: names the file in errors.
         links: the joints of each moving link, from the base outwards.
-        owner: the link's body that each body moves with, by number; 0 for the base.
-        held: the joints that the arm does not have.
+        owner: for each body the link's body with which it moves, by number; 0 for the base.
+        held: joints that are not the arm's.
         ties: equality constraints.
-        places: what MuJoCo calls qpos, at zero posture.
+        places: MuJoCo's qpos at zero posture.
     """
 
     model: Any
@@ -330,10 +330,10 @@ class _Tree:
 
     @classmethod
     def of(cls, model: Any, ties: Ties, tip: str | None, where: str, places: Any) -> "_Tree":
-        """Return the arm that a model has.
+        """Return the arm of a model.
 
         Raises:
-            InputError: no arm or several, no such tip, a joint of the arm that does not turn on its own, or a bad name.
+            InputError: no arm or several, no such tip, a joint of the arm does not turn on its own, or a bad name.
         """
         import mujoco
 
@@ -380,7 +380,7 @@ class _Tree:
         return _joint_name(self.model, joint)
 
     def carried(self, body: int) -> list[int]:
-        """Return a link's body and those that move with it."""
+        """Return a link's body and the bodies that move with it."""
         return [n for n in range(1, self.model.nbody) if self.owner[n] == body]
 
     def point(self, data: Any, tip: str | None) -> Point:
@@ -395,7 +395,7 @@ class _Tree:
         return Point(TIP, self.name(joint), place - data.xanchor[joint])
 
     def notes(self, names: Mapping[str, str]) -> Iterator[str]:
-        """Yield where the arm is not what the file says."""
+        """Yield the differences between arm and file."""
         model, own = self.model, set(map(self.name, self.joints))
         whole = float(sum(model.body_mass[n] for n in range(1, model.nbody) if self.owner[n]))
         for body in (0, *(int(model.jnt_bodyid[link[-1]]) for link in self.links)):
@@ -420,7 +420,7 @@ class _Tree:
         return Held(shown, _type(self.model, joint), self.ties.joints.get(name, ""), float(at))
 
     def _check_types(self) -> None:
-        """Refuse an arm without joints, joints that ident has no equation for, and constraints of the arm."""
+        """Refuse an arm without joints, joints that ident cannot model, and constraints on the arm."""
         import mujoco
 
         model, where, ties = self.model, self.where, self.ties
@@ -454,7 +454,7 @@ def _type(model: Any, joint: int) -> str:
 
 
 def _frame(model: Any, data: Any, tip: str) -> tuple[int, Any]:
-    """Return a body, or the one that carries a site, and the place of the frame."""
+    """Return a body, or the body that carries a site, and the origin of the frame."""
     names = names_of_bodies(model)
     if tip in names:
         return names.index(tip) + 1, data.xpos[names.index(tip) + 1]
@@ -463,14 +463,14 @@ def _frame(model: Any, data: Any, tip: str) -> tuple[int, Any]:
 
 
 def _passed_over(model: Any) -> set[str]:
-    """Return the names of the hinges of bushings, as `ident export` writes them; of one without a pin all but one."""
+    """Return the hinge names of bushings written by `ident export`; for a bushing without a pin all but one."""
     names = [str(model.joint(joint).name) for joint in range(model.njnt)]
     own = {f"{name}_{end}" for name in names for end in ENDS}
     return own | {f"{name}_{end}" for name in map(_undriven, names, repeat(set(names))) for end in ENDS[1:] if name}
 
 
 def _undriven(name: str, names: set[str]) -> str:
-    """Return what a bushing without a pin is called of which this is the hinge about its axis; empty for another."""
+    """Return the name of the bushing without a pin whose axial hinge this is; empty for any other hinge."""
     stem = name.removesuffix(f"_{ENDS[0]}")
     return stem if stem != name and stem not in names and {f"{stem}_{end}" for end in ENDS} <= names else ""
 
@@ -504,32 +504,32 @@ def names_of_bodies(model: Any) -> list[str]:
 
 
 def _joint_name(model: Any, joint: int) -> str:
-    """Return the name of a joint; that of a bushing without a pin for the hinge about its axis."""
+    """Return the name of a joint; for the axial hinge of a bushing without a pin, the bushing's name."""
     name = str(model.joint(joint).name)
     return _undriven(name, {str(model.joint(n).name) for n in range(model.njnt)}) or name
 
 
 def _body_name(model: Any, body: int) -> str:
-    """Return the name of a body; one without a name is called by its number."""
+    """Return the name of a body; its number if it has no name."""
     return str(model.body(body).name) or f"body{body}"
 
 
 # -------- Tree of an MJCF file
-# The elements of an MJCF file, changed in place and written as they are otherwise.
+# The elements of an MJCF file, changed in place and otherwise written unchanged.
 #
-# What MuJoCo writes has six digits, which would move natural frequencies by 1e-6; so the text of the file is changed.
+# MuJoCo writes six digits, which would shift natural frequencies by 1e-6; so the text of the file is edited instead.
 
 Vector = Float[np.ndarray, "3"]
 
 
 @dataclass(frozen=True)
 class Tree:
-    """The elements of a file, and what MuJoCo makes of it.
+    """The elements of a file, and MuJoCo's model of it.
 
     Attributes:
         root: the outermost element; included files stand in their places.
         model: MuJoCo's model.
-        data: its places and axes at zero posture.
+        data: positions and axes at zero posture.
         where: names the file in errors.
     """
 
@@ -555,10 +555,10 @@ class Tree:
         return np.array(self.data.xpos[body])
 
     def path(self, tag: str, name: str) -> list[Any]:
-        """Return an element of the world, the bodies and frames that hold it before it, outermost first.
+        """Return the path to an element: the bodies and frames around it, outermost first, then the element.
 
         Raises:
-            InputError: MuJoCo knows it, though it has no element.
+            InputError: MuJoCo has it, but the file has no element for it.
         """
         for world in self.root.iter("worldbody"):
             if found := _path(world, lambda each: each.tag == tag and own_name(each.get("name", "")) == name):
@@ -574,14 +574,14 @@ class Tree:
         return path
 
     def only(self, path: list[Any], others: Iterable[str]) -> tuple[Any, Any]:
-        """Return the body that holds an element, and what it holds of it: the element, or the frame about it.
+        """Return the body that holds an element, and its child: the element, or the frame around it.
 
         Args:
             path: to the element.
-            others: tags of what such a frame may not hold besides.
+            others: tags not allowed in such a frame in addition to the element.
 
         Raises:
-            InputError: it holds such a thing, so that what is done to one would be done to the other.
+            InputError: the frame holds such an element, so that an edit would affect both.
         """
         place = len(path) - 2
         while path[place].tag == "frame":
@@ -605,7 +605,7 @@ def tree_of(path: str, where: str) -> Tree:
 
 
 def wrapped(holder: Any, held: Any, wrapper: Any) -> None:
-    """Put an element into another one that takes its place."""
+    """Wrap an element in another one, at the same place."""
     place = list(holder).index(held)
     wrapper.tail, held.tail = held.tail, None
     holder[place] = wrapper
@@ -613,15 +613,15 @@ def wrapped(holder: Any, held: Any, wrapper: Any) -> None:
 
 
 def numbers(values: Iterable[Any]) -> str:
-    """Return numbers as they stand in an attribute, with all digits."""
+    """Return numbers as text for an attribute, with all digits."""
     return " ".join(repr(float(x)) for x in values)
 
 
 def own_masses(path: str, where: str) -> None:
-    """Refuse a file that gives its bodies other masses than stand there.
+    """Refuse a file with settings that override the masses of its bodies.
 
     Raises:
-        InputError: it is such a file.
+        InputError: the file has such a setting.
     """
     import mujoco
 
@@ -641,7 +641,7 @@ def _path(element: Any, wanted: Callable[[Any], bool]) -> list[Any]:
 
 
 def _elements(path: Path) -> Any:
-    """Return the outermost element of a file, with those of included files in the places where they are included."""
+    """Return the outermost element of a file, with included files inserted at their places."""
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     root = ElementTree.fromstring(path.read_bytes(), parser)
     for parent in list(root.iter()):

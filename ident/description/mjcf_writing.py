@@ -1,11 +1,11 @@
 """MJCF with the bushings of an arm: three passive hinges before each driven one, in the body that it moves.
 
-Stiffness on the driven hinge itself would pull the motor's axis back to zero. A base that gives is such hinges alone,
-of a body about the whole arm.
+Stiffness on the driven hinge itself would pull the motor's axis back to zero. An elastic base consists of such hinges
+only, in a body around the whole arm.
 
-Three hinges one after another are not quite the rotation vector of ident's bushing: natural frequencies are the same
-where nothing bends the arm, and under its weight but for a share below the angle [rad] by which a bushing gives. At one
-posture they are the same under weight as well, where its tangent springs stand in their place.
+Three hinges in series are not exactly the rotation vector of ident's bushing. Natural frequencies agree for an unloaded
+arm; under weight their relative error is below the deflection angle [rad] of a bushing. At a single posture they agree
+under weight too, with the tangent springs of that posture.
 """
 
 from collections.abc import Iterator, Mapping
@@ -106,7 +106,7 @@ def _working_point(arm: Arm, posture: Float[Array, "driven"]) -> tuple[Float[Arr
 
 
 # -------- XML
-# XML as text that stays as it was written but for what is put in.
+# XML as text that stays as written, except for insertions.
 
 
 def with_comment(data: bytes, lines: list[str]) -> bytes:
@@ -156,7 +156,7 @@ def mjcf_with_bushings(
         posture: [rad] where tangent springs stand for the bushings.
 
     Raises:
-        InputError: the file can't be read any more, has bushings already, or no place for what is to be written.
+        InputError: the file can no longer be read, has bushings already, or no place for the new elements.
     """
     where, data = one_line(path), read_bytes(path, "a robot description (MJCF)")
     tree, joints = tree_of(path, where), arm.joints[arm.base is not None :]
@@ -250,7 +250,7 @@ def _put_offsets(tree: Tree, before: Arm, arm: Arm) -> None:
         - np.asarray(joint.offset)
         for joint in before.joints
     }
-    shift = ways.pop(base, np.zeros(3))  # the base's hinges stand in the axes of what is fixed, the arm goes with them
+    shift = ways.pop(base, np.zeros(3))  # the base's hinges use the fixed axes, and the arm moves with them
     for name, way in ways.items():
         way, shift = way + shift, np.zeros(3)
         if not way.any():

@@ -78,13 +78,13 @@ class Source:
     document: type[Table] = ArmDocument
 
     def problem(self, loc: Loc, got: str, expected: str, remedy: str) -> Problem:
-        """Return a problem with what is, or should be, at a location."""
+        """Return a problem with the found or missing entry at a location."""
         lines = _line_numbers(self.text)
         line = next(lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in lines)
         return Problem(f"{self.where}:{line}", got, expected, remedy, self.words(loc))
 
     def read(self) -> tuple[Any, list[Problem]]:
-        """Return the document, None where it is none, and what is wrong with it."""
+        """Return the document (None if invalid) and its problems."""
         problems = list(self.name_problems())
         try:
             return self.document.model_validate(self.raw), problems

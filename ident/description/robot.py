@@ -1,4 +1,4 @@
-"""What a robot description says, URDF or MJCF: an arm but for its bushings, and the arm with them."""
+"""A robot description, URDF or MJCF: an arm without its bushings, and the arm completed with them."""
 
 import hashlib
 import re
@@ -37,23 +37,23 @@ Pairs = Mapping[str, Pair] | Pair
 TIP = "tip"
 """Name of the end point."""
 HEAVY = 0.05
-"""Share of the moving mass from which a link that follows a joint of the arm can't be held still: fingers have less."""
+"""Largest share of the moving mass for a held link that follows a joint of the arm: fingers have less."""
 MOST_NAMED = 8
-"""Names of a list that a line repeats."""
+"""Most names in a line of a message."""
 Node = TypeVar("Node", bound=Hashable)
 
 
 def own_name(name: str) -> str:
-    """Return a name as an arm may have it: `panda/joint.1` is `panda_joint_1`; an empty one stays."""
+    """Return a valid name for an arm: `panda/joint.1` becomes `panda_joint_1`; an empty name stays."""
     plain = re.sub(r"[^A-Za-z0-9_-]", "_", name)
     return plain if re.fullmatch(NAME, plain) or not plain else f"x{plain}"
 
 
 def own_names(names: Iterable[str], where: str) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Return the names of a file that an arm can't have, with those that they get, and the note on it.
+    """Return the new names of a file's invalid names, and the note on them.
 
     Raises:
-        InputError: two of them would be the same.
+        InputError: two new names would be the same.
     """
     every = [name for name in dict.fromkeys(names) if name]
     own = {name: new for name in every if (new := own_name(name)) != name}
@@ -69,7 +69,7 @@ def robot_root(data: bytes, where: str) -> Any:
     """Return the root element of a robot description: robot of URDF, mujoco of MJCF.
 
     Raises:
-        InputError: it is no XML, or has another root.
+        InputError: it is not XML, or has another root.
     """
     try:
         root = ElementTree.fromstring(data)
@@ -85,10 +85,10 @@ def robot_root(data: bytes, where: str) -> Any:
 
 
 def refuse_xacro(data: bytes, root: Any, where: str) -> None:
-    """Refuse a robot description whose macros are not expanded; `root` is None where it is no XML.
+    """Refuse a robot description with unexpanded macros; `root` is None if it is not XML.
 
     Raises:
-        InputError: it has an element of xacro, or an attribute with `${...}` or `$(...)`.
+        InputError: it has a xacro element, or an attribute with `${...}` or `$(...)`.
     """
     if root is None:
         there = re.search(rb"<xacro:\w+", data) is not None
@@ -102,16 +102,16 @@ def refuse_xacro(data: bytes, root: Any, where: str) -> None:
 
 
 def is_sane(word: str, *, bounded: bool = True) -> bool:
-    """Tell whether a word is no number, or one that a robot may have: none that is not finite or absurdly large."""
+    """Whether a word is not a number, or a plausible one: finite and not absurdly large."""
     try:
         number = float(word)
     except ValueError:
-        return True  # the reader of the format says that this is no number
+        return True  # the reader of the format refuses it
     return abs(number) < LARGEST if bounded else number == number
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names in a row, of a long list the first ones."""
+    """Return names in a row, only the first ones of a long list."""
     every = list(names)
     more = [f"{len(every) - MOST_NAMED} more"] if len(every) > MOST_NAMED else []
     return ", ".join([*map(one_line, every[:MOST_NAMED]), *more])
@@ -124,19 +124,19 @@ def serial_chain(
     turns: Callable[[Node], bool],
     is_followed: Callable[[Node], bool],
 ) -> tuple[list[Node], list[tuple[Node, Node]]]:
-    """Return the moving parts that make the arm, from the base outwards, and between which the choice is unclear.
+    """Return the moving parts of the arm, from the base outwards, and the candidates of an ambiguous branch.
 
-    Of each of those there is the first part, and the last one before it branches itself.
+    Each candidate has its first part, and its last part before the next branch.
 
-    The arm goes to the part that carries the tip. Where no tip is named, or beyond it, it goes on with the only part
-    that leads to a turning joint. Several such parts are a hand, at which the arm ends, where each has less than half
-    as many turning joints as the arm before; so is a single one that others follow, the drive of a gripper.
+    The arm leads to the part that carries the tip. Beyond it, or without a named tip, it continues with the only part
+    that leads to a turning joint. Several such parts are a hand, where the arm ends, if each has less than half as many
+    turning joints as the arm before; so is a single part that others follow, the drive of a gripper.
 
     Args:
-        after: which parts move next on each part, in a tree.
-        root: what does not move.
-        tip: the part that carries the named end point; None where none is named.
-        turns: whether an arm can have the joint of a part: one that turns, on its own.
+        after: next moving parts on each part, a tree.
+        root: the fixed part.
+        tip: the part that carries the named end point; None without a name.
+        turns: whether the joint of a part can belong to an arm: it turns, on its own.
         is_followed: whether other joints follow that of a part, as in a gripper.
     """
     order, before = [root], dict[Node, Node]()
@@ -169,10 +169,10 @@ def _end(node: Node, after: Mapping[Node, Sequence[Node]], depth: Mapping[Node, 
 
 
 def carrier(tip: str | None, carriers: Mapping[str, Node], where: str, kind: str) -> Node | None:
-    """Return the part that carries the end point, by what the moving links or bodies are carried by; None for any.
+    """Return the part that carries the end point, from the carrier of each moving link or body; None for any.
 
     Raises:
-        InputError: no moving one has that name.
+        InputError: no moving link or body has that name.
     """
     if carriers and tip is not None and tip not in carriers:
         remedy = did_you_mean(tip, carriers, f"one of {listed(carriers)}")
@@ -181,14 +181,14 @@ def carrier(tip: str | None, carriers: Mapping[str, Node], where: str, kind: str
 
 
 def unclear_branch(where: str, joints: Iterable[str], ends: Iterable[str]) -> InputError:
-    """Return the refusal of a robot of several arms, of which none is named; `ends` are what `tip` may name."""
+    """Return the refusal of a robot with several arms and no named tip; `ends` are the choices for `tip`."""
     beside = one_line(Path(where).with_suffix(".joints.toml").name)
     remedy = f'name what the arm ends with ({listed(ends)}): tip = "..." in {beside}, or ident new --tip'
     return refusal(where, f"a branch into {listed(joints)}", "a serial arm", remedy)
 
 
 def body_names(names: Sequence[str], joints: Iterable[str], kind: str) -> dict[str, str]:
-    """Return what each link or body is called in the arm: as in its file, unless a joint has that name."""
+    """Return the name of each link or body in the arm: as in its file, unless a joint has that name."""
     taken, own = {*joints, TIP}, {}
     for name in names:
         new = name
@@ -209,10 +209,10 @@ class Held:
     """A joint that the arm does not have.
 
     Attributes:
-        name: as the file calls it.
-        type: of the joint, in the file's words.
-        follows: the joint that it follows; empty where it follows none.
-        at: [rad or m] where it is held: where its constraint puts it while the others are at zero.
+        name: name in the file.
+        type: type of joint in the file.
+        follows: the joint that it follows; empty for none.
+        at: [rad or m] its fixed position: that of its constraint with the others at zero.
     """
 
     name: str
@@ -226,17 +226,17 @@ class Held:
 
 
 def held_note(where: str, held: Sequence[Held], masses: tuple[float, float], joint: str, own: Container[str]) -> str:
-    """Return the note on joints that the arm does not have, on the link of `joint`, or on the base if it is empty.
+    """Return the note on held joints on the link of `joint`, or on the base if it is empty.
 
     Args:
         where: names the file.
         held: the joints.
-        masses: [kg] on them, and of all that moves.
-        joint: with which they move.
+        masses: [kg] on them, and of all moving bodies.
+        joint: the joint with which they move.
         own: names of the arm's joints.
 
     Raises:
-        InputError: one follows a joint of the arm, and they are too heavy to be held still while that turns.
+        InputError: one follows a joint of the arm, and they are too heavy to be held while that joint turns.
     """
     one, (mass, whole) = len(held) == 1, masses
     place = f"{where}, joint{'s' * (not one)} {listed(map(str, held))}"
@@ -255,7 +255,7 @@ def limits_note(where: str, joint: str, limits: str) -> str:
 
 @dataclass(frozen=True)
 class Pin:
-    """A joint without its bushing, and what turns with it; what its attributes mean, `Joint` says."""
+    """A joint without its bushing, and its link; the attributes have the meaning of those of `Joint`."""
 
     name: str
     axis: Float[np.ndarray, "3"]
@@ -264,20 +264,20 @@ class Pin:
     limits: tuple[float, float]
     driven: bool = True
     carrier: str = ""
-    """What turns with it, as its file calls that: the link or body that could have mass."""
+    """Name in the file of the link or body that turns with it and could have mass."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A serial arm as its description has it.
+    """A serial arm from a robot description.
 
     Attributes:
-        name: what it is called.
+        name: its name.
         where: names the file in errors.
         pins: from the base outwards.
         tip: the end point.
         gravity: (3,) [m/s^2] in the base frame.
-        notes: where the arm is not what the file says: joints that are held, limits that are none, other names.
+        notes: differences between arm and file: held joints, ignored limits, other names.
     """
 
     name: str
@@ -298,12 +298,12 @@ class Robot:
         """Return the arm.
 
         Args:
-            bushings: what `Joint` takes of stiffness and damping, by joint.
+            bushings: stiffness and damping arguments of `Joint`, by joint.
             points: further points.
             payloads: bodies that a load case may add.
 
         Raises:
-            InputError: joints whose bushings carry nothing, or a name that occurs twice.
+            InputError: bushings without mass beyond them, or a repeated name.
         """
         own = ("axis", "offset", "link", "limits", "driven")
         joints = [Joint(p.name, **{key: getattr(p, key) for key in own}, **bushings[p.name]) for p in self.pins]
@@ -312,7 +312,7 @@ class Robot:
             return Arm(self.name, tuple(joints), (*points, self.tip), payloads, self.gravity)
 
     def _massless(self, joints: Sequence[Joint]) -> Iterator[Problem]:
-        """Yield joints that turn no mass, all in one line, and those whose rotation moves none of theirs."""
+        """Yield joints without mass beyond them, all in one line, and joints whose rotation moves no mass."""
         found = {place: (got, expected) for place, got, expected in massless_joints(joints)}
         empty = sorted(place for place in found if not any(float(body.mass) for body in joints[place].link))
         if empty:
@@ -329,10 +329,10 @@ class Robot:
                 yield Problem(f"{self.where}, joint {joints[place].name}", got, expected, remedy)
 
     def bushings(self, stiffness: Pairs, damping: Pairs) -> dict[str, dict[str, float]]:
-        """Return what `Joint` takes by joint, of pairs for each joint or one for all.
+        """Return stiffness and damping arguments of `Joint` by joint, from pairs for each joint or one for all.
 
         Raises:
-            InputError: a joint lacks a value, there is no such joint, or a value is out of range.
+            InputError: a value is missing or out of range, or its joint does not exist.
         """
         k, tau = (x if isinstance(x, Mapping) else dict.fromkeys(self.joints, x) for x in (stiffness, damping))
         refuse([*_wrong_pairs(k, self.joints, "stiffness"), *_wrong_pairs(tau, self.joints, "damping")])
@@ -341,7 +341,7 @@ class Robot:
 
 
 def _wrong_pairs(given: Mapping[str, Pair], names: list[str], what: str) -> Iterator[Problem]:
-    """Yield what is missing, unknown or out of range among the pairs of joints."""
+    """Yield missing, unknown and out-of-range pairs of joints."""
     for name in names:
         if name not in given:
             yield Problem(f"joint {name}", f"no {what}", "a pair (bending, torsion)", f"add its {what}")
@@ -364,7 +364,7 @@ def _in_range(pair: Any, what: str) -> bool:
 
 
 # -------- Joints file
-# What completes a robot description: `robot.joints.toml` beside it, with the bushing of each joint.
+# The completion of a robot description: `robot.joints.toml` in its folder, with the bushing of each joint.
 #
 # Each number is written as in `arm.toml`, with unit and origin.
 
@@ -372,7 +372,7 @@ SUFFIX = ".joints.toml"
 
 
 class JointsDocument(Damped):
-    """All that such a file says."""
+    """The content of such a file."""
 
     format: Literal["ident-joints/1"]
     tip: str | None = None
@@ -383,10 +383,10 @@ class JointsDocument(Damped):
 
 @dataclass(frozen=True)
 class JointsFile:
-    """Where the bushings of a robot come from.
+    """Source of a robot's bushings.
 
     Attributes:
-        path: the file, as it was named.
+        path: the file, as given.
         sha256: hexadecimal digest of the file's bytes.
     """
 
@@ -395,15 +395,15 @@ class JointsFile:
 
 
 def beside(path: str) -> Path:
-    """Return where the bushings of a robot description are: `robot.joints.toml` beside `robot.urdf`."""
+    """Return the path of a robot's bushings: `robot.joints.toml` in the folder of `robot.urdf`."""
     return Path(path).with_suffix(SUFFIX)
 
 
 def read_joints(path: Path) -> tuple[JointsFile, JointsDocument, Source]:
-    """Return the bushings of a robot's joints, and the text that they stand in.
+    """Return the bushings of a robot's joints, and their text.
 
     Raises:
-        InputError: the file can't be read, or it is wrong; every problem is listed.
+        InputError: the file is unreadable or has errors; all are listed.
     """
     where = one_line(str(path))
     data = read_bytes(path, "the bushings of a robot (TOML)")
@@ -415,10 +415,10 @@ def read_joints(path: Path) -> tuple[JointsFile, JointsDocument, Source]:
 
 
 def check_joints(document: JointsDocument, robot: Robot, source: Source) -> None:
-    """Refuse bushings that are not those of a robot's joints.
+    """Refuse bushings that do not match a robot's joints.
 
     Raises:
-        InputError: a joint too many or too few; every problem is listed.
+        InputError: unknown or missing joints; all are listed.
     """
     named, known = [table.name for table in document.joint], robot.joints
     got, expected = f"no such joint in {robot.where}", f"one of {', '.join(known)}"
@@ -437,14 +437,13 @@ def check_joints(document: JointsDocument, robot: Robot, source: Source) -> None
 def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) -> str:
     """Return the text of such a file with the numbers of another arm, and their origin; comments, units, layout stay.
 
-    What the robot description says of that arm is left out, what the file leaves out is added.
+    Omits numbers that the robot description has, and adds numbers that the file lacks.
 
     Args:
         text: a valid file.
         before: the arm of this file and its robot description.
-        arm: the arm that it is to be the file of; on a base that gives, that is the first joint, of the origin
-            `assumed` where it was not fitted.
-        origin: of these numbers from now on.
+        arm: the arm for the new file; an elastic base is its first joint, of the origin `assumed` unless fitted.
+        origin: the new origin of these numbers.
         where: names the text in errors.
     """
     if arm.base is not None and before.base is None:

@@ -1,4 +1,4 @@
-"""What `arm.toml` may say: its tables, and the arm that they describe. How a number is written: `quantities`."""
+"""Schema of `arm.toml`: its tables and quantities, and the arm that they describe."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Generic, Literal, TypeVar
@@ -30,7 +30,7 @@ from ident.text import NAME, did_you_mean, quoted
 from ident.units import in_si, width
 
 # -------- Quantities
-# How `arm.toml` writes a number: with unit and origin, as a scalar, a vector, an inertia tensor or a shape.
+# Numbers in `arm.toml`: with unit and origin, as a scalar, a vector, an inertia tensor or a shape.
 #
 # `mass = { value = 42.0, unit = "kg", origin = "assumed", note = "..." }`. Any unit of the right dimension will do;
 # angles count as a dimension, so that `N*m` is refused where `N*m/rad` is meant.
@@ -40,12 +40,12 @@ Part = TypeVar("Part")
 
 
 def complaint(got: str, expected: str, remedy: str) -> PydanticCustomError:
-    """Return the error by which a validator says what is wrong; pydantic adds where."""
+    """Return the error of a validator; pydantic adds the location."""
     return PydanticCustomError("ident", "{got}", {"got": got, "expected": expected, "remedy": remedy})
 
 
 def as_written(value: Any) -> str:
-    """Return a value for a message, as TOML writes it and on one line."""
+    """Return a value for a message, in TOML syntax on one line."""
     if isinstance(value, dict):
         return "a table"
     text = str(value).lower() if isinstance(value, bool) else repr(value)
@@ -58,20 +58,20 @@ class Table(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
     def part(self, kind: Callable[..., Part], **more: Any) -> Part:
-        """Return the part of the arm that the table describes: each key means what the part's attribute does."""
+        """Return the part of the arm from the table: each key has the meaning of the part's attribute."""
         given = {key: getattr(self, key) for key in type(self).model_fields if key not in more}
         return kind(**{key: getattr(each, "number", each) for key, each in given.items() if each is not None}, **more)
 
 
 def si(value: Any, unit: str) -> Any:
-    """Return numbers, written in a unit, in SI units."""
+    """Convert numbers from a unit to SI."""
     known = in_si(unit)
     assert known, "it was checked when it was read"
     return np.asarray(value, dtype=float) * known[0]
 
 
 def _range(name: str) -> Any:
-    """Accept what a field of the arm can be, by its sign."""
+    """Accept possible values of a field of the arm, by its sign."""
     sign = field_named(name).sign
     if sign == "positive":
         return Field(gt=0, le=LARGEST)
@@ -79,13 +79,13 @@ def _range(name: str) -> Any:
 
 
 def _unit(name: str, *others: str) -> AfterValidator:
-    """Accept units of the dimension that a field of the arm has; others are shown beside its own."""
+    """Accept units of the dimension of a field of the arm; `others` are further examples in messages."""
     field = field_named(name)
     return _checked_unit(*(unit.replace(" ", "*") for unit in (field.unit, *others, field.read_unit)))
 
 
 def _checked_unit(*examples: str) -> AfterValidator:
-    """Accept units of the dimension of the examples, the first of which is SI."""
+    """Accept units of the dimension of the examples; the first example is SI."""
 
     def check(text: str) -> str:
         unit, expected = in_si(text), in_si(examples[0])
@@ -136,7 +136,7 @@ Value = TypeVar("Value")
 
 
 class Sourced(Table):
-    """A table that says where its numbers come from, and may add a note of one line."""
+    """A table with the origin of its numbers, and an optional note of one line."""
 
     origin: Origin
     note: Line = ""
@@ -155,7 +155,7 @@ class Quantity(Sourced, Generic[Unit, Value]):
 
 
 def _width(text: str, unit: str, *, share: bool) -> str:
-    """Accept a standard deviation, `2mm` or, where shares mean something, `5%`."""
+    """Accept a standard deviation, `2mm` or, where a share makes sense, `5%`."""
     found = width(text, unit)
     if found is None or (found.share and not share):
         expected = f"a standard deviation such as {'5% or ' if share else ''}2{unit}"
@@ -164,13 +164,13 @@ def _width(text: str, unit: str, *, share: bool) -> str:
 
 
 class Mass(Quantity[Annotated[str, _unit("mass", "g")], Annotated[float, _range("mass")]]):
-    """A mass, and how well it is known: its standard deviation."""
+    """A mass with its standard deviation."""
 
     uncertainty: Annotated[str, AfterValidator(lambda text: _width(text, "kg", share=True))] | None = None
 
 
 class Position(Quantity[Annotated[str, _unit("com")], Vector]):
-    """A position, and how well each of its components is known: their standard deviation."""
+    """A position with the standard deviation of its components."""
 
     uncertainty: Annotated[str, AfterValidator(lambda text: _width(text, "mm", share=False))] | None = None
 
@@ -229,7 +229,7 @@ Ratio = Plain[Annotated[float, _range("ratio2")]]
 PerMass = Quantity[Annotated[str, _checked_unit("1/s")], Annotated[float, _range("alpha")]]
 LossFactor = Plain[Annotated[float, _range("loss_bend")]]
 Profile = Plain[Literal["s-curve", "trapezoid", "cycloid", "minimum-jerk"]]
-"""How a stroke goes from end to end."""
+"""Speed profile of a stroke."""
 
 
 class Postures(
@@ -303,18 +303,18 @@ class Lump(Table):
 
 
 # -------- Spring tables
-# What `arm.toml` says of springs that are no straight lines: `[[spring]]` and `[[cubic_spring]]`.
+# Nonlinear springs in `arm.toml`: `[[spring]]` and `[[cubic_spring]]`.
 
 
 class JointPartTable(Table):
-    """What sits on a joint."""
+    """A part on a joint."""
 
     name: Name
     joint: str
 
 
 class SpringTable(JointPartTable):
-    """A spring that is a broken line; the meaning of each key is that of `Spring`'s attribute."""
+    """A piecewise linear spring; each key has the meaning of `Spring`'s attribute."""
 
     direction: Literal["bending", "torsion"]
     ratio2: Ratio
@@ -324,7 +324,7 @@ class SpringTable(JointPartTable):
 
 
 class CubicSpringTable(JointPartTable):
-    """A cubic spring; the meaning of each key is that of `CubicSpring`'s attribute."""
+    """A cubic spring; each key has the meaning of `CubicSpring`'s attribute."""
 
     direction: Literal["bending", "torsion"]
     cubic: CubicStiffness
@@ -336,7 +336,7 @@ Loc = tuple[str | int, ...]
 
 
 class BodyTable(Table):
-    """A rigid body; its inertia is given, or follows from mass and shape."""
+    """A rigid body; its inertia is given, or computed from mass and shape."""
 
     name: Name
     mass: Mass
@@ -362,13 +362,13 @@ class BodyTable(Table):
         return Body(self.name, self.mass.number, self.com.number, self._tensor())
 
     def extent(self) -> Any:
-        """Return lowest and highest corner, (2, 3) [m], in the joint's axes; None without a shape that extends."""
+        """Return lowest and highest corner, (2, 3) [m], in the joint's axes; None without an extended shape."""
         if self.shape is None or isinstance(self.shape, Lump):
             return None
         return self.com.number + np.array([[-1.0], [1.0]]) * self.shape.half()
 
 
-# Checked when they are used: the registry of units takes a moment to build.
+# Validated on use, since the registry of units takes a moment to build.
 UNDAMPED = Time.model_construct(value=0.0, unit="s", origin="assumed")
 UPRIGHT = Direction.model_construct(value=[0.0, 0.0, 1.0], origin="assumed")
 STANDARD = Acceleration.model_construct(value=list(GRAVITY), unit="m/s^2", origin="assumed")
@@ -394,10 +394,10 @@ Lost = Annotated[Annotated[NonNegative, Tag("number")] | Annotated[EachWay[NonNe
 
 
 class DampingTable(Table):
-    """Damping in the field's words, of a bushing or of all: one word for each direction.
+    """Damping of one bushing or of all, by one of three keys in each direction.
 
     Attributes:
-        ratio: damping ratio of a light mode of such bushings alone: half the loss factor.
+        ratio: damping ratio of a lightly damped mode on such bushings alone: half the loss factor.
         loss_factor: share of the strain energy lost per cycle, over 2 pi.
         time: damping per stiffness.
     """
@@ -407,7 +407,7 @@ class DampingTable(Table):
     time: Quantity[Annotated[str, _unit("tau_bend", "ms")], Lost] | None = None
 
     def by_way(self) -> dict[str, tuple[str, str, Any]]:
-        """Return for `bend` and `tors` the word that is given, and the field of a joint that it is, as a quantity."""
+        """Return for `bend` and `tors` the given key, the field of a joint that it sets, and its quantity."""
         found: dict[str, tuple[str, str, Any]] = {}
         for word, field, factor in (("ratio", "loss", 2.0), ("loss_factor", "loss", 1.0), ("time", "tau", 1.0)):
             value = getattr(given := getattr(self, word), "value", None)
@@ -424,27 +424,27 @@ class DampingTable(Table):
 
 
 def check_one_word(one: str, other: str) -> None:
-    """Refuse two words for the damping of a bushing in one direction."""
+    """Refuse two keys for the damping of a bushing in one direction."""
     if one != other:
         raise complaint(f"{one} and {other}", "one word for the damping of a bushing", f"take {one} or {other} out")
 
 
 class ArmDampingTable(DampingTable):
-    """Damping of all bushings, and in proportion to mass: `alpha`, which means what `MassDamping`'s attribute does."""
+    """Damping of all bushings, and proportional to mass: `alpha`, with the meaning of `MassDamping`'s attribute."""
 
     alpha: PerMass | None = None
 
     def in_arm(self) -> MassDamping:
-        """Return what is in proportion to mass as a value."""
+        """Return the mass-proportional damping as a value."""
         return MassDamping(alpha=None if self.alpha is None else self.alpha.number)
 
 
 BUSHING = (*STIFFNESS, *DAMPING, *LOSS)
-"""What a joint's bushing has."""
+"""Fields of a joint's bushing."""
 
 
 class BushingTable(DampingTable):
-    """The bushing of a joint; the meaning of each key is that of `Joint`'s attribute."""
+    """The bushing of a joint; each key has the meaning of `Joint`'s attribute."""
 
     name: Name
     k_bend: Stiffness
@@ -465,7 +465,7 @@ class BushingTable(DampingTable):
         return self
 
     def fill(self, damping: DampingTable) -> bool:
-        """Take damping where the bushing gives and has none of its own, and tell whether it has taken any."""
+        """Fill in the default damping of elastic directions without their own; return whether any was filled in."""
         taken = False
         for way, (word, field, number) in damping.by_way().items():
             said = self.model_fields_set.intersection({f"tau_{way}", f"loss_{way}"})
@@ -477,7 +477,7 @@ class BushingTable(DampingTable):
         return taken
 
     def bushing(self) -> dict[str, Any]:
-        """Return what `Joint` takes."""
+        """Return the arguments of `Joint`."""
         quantities = {key: quantity for key in BUSHING if (quantity := getattr(self, key)) is not None}
         return {key: None if quantity == RIGID else quantity.number for key, quantity in quantities.items()}
 
@@ -519,7 +519,7 @@ class PayloadTable(BodyTable):
 
 
 class ErrorOrderTable(Table):
-    """A further transmission error of a drive; the meaning of each key is that of `ErrorOrder`'s attribute."""
+    """A further transmission error of a drive; each key has the meaning of `ErrorOrder`'s attribute."""
 
     order: Annotated[float, AfterValidator(_possible_order)]
     amplitude: AngleAmplitude
@@ -527,9 +527,9 @@ class ErrorOrderTable(Table):
 
 
 class DriveTable(JointPartTable):
-    """A harmonic drive; the meaning of each key is that of `Drive`'s attribute.
+    """A harmonic drive; each key has the meaning of `Drive`'s attribute.
 
-    Pulley, wave generator and eccentric mass are parts of the shaft, whose bodies have their mass and their inertia.
+    Pulley, wave generator and eccentric mass are parts of the shaft, whose bodies include their mass and inertia.
     """
 
     ratio: NonZero
@@ -543,12 +543,12 @@ class DriveTable(JointPartTable):
     errors: list[ErrorOrderTable] = Field(default_factory=list)
 
     def drive(self) -> Drive:
-        """Return the drive as a value; what is not given is zero."""
+        """Return the drive as a value; missing numbers are zero."""
         return self.part(Drive, errors=tuple(each.part(ErrorOrder, drive=self.name) for each in self.errors))
 
 
 class BeltTable(Table):
-    """A belt; the meaning of each key is that of `Belt`'s attribute."""
+    """A belt; each key has the meaning of `Belt`'s attribute."""
 
     name: Name
     driver: str
@@ -562,14 +562,14 @@ class BeltTable(Table):
 
 
 class ServoTable(JointPartTable):
-    """A servo that holds a motor; the meaning of each key is that of `Servo`'s attribute."""
+    """A servo that holds a motor; each key has the meaning of `Servo`'s attribute."""
 
     k_servo: ServoStiffness
     tau: Time | None = None
 
 
 class StrokeTable(Table):
-    """The straight motion of the hand; the meaning of each key is that of `Stroke`'s attribute."""
+    """The straight motion of the hand; each key has the meaning of `Stroke`'s attribute."""
 
     direction: Shares
     profile: Profile | None = None
@@ -585,7 +585,7 @@ class StrokeTable(Table):
 
 
 class WorkspaceTable(Table):
-    """Where the arm may be held; the meaning of each key is that of `Workspace`'s attribute."""
+    """Allowed postures of the arm; each key has the meaning of `Workspace`'s attribute."""
 
     line: Shares | None = None
     postures: Postures | None = None
@@ -601,7 +601,7 @@ class WorkspaceTable(Table):
 
 
 class Damped(Table):
-    """A file of joints, with the damping of those that say none."""
+    """A file of joints, with the default damping of joints without their own."""
 
     damping: ArmDampingTable = Field(default_factory=ArmDampingTable)
     joint: Any
@@ -617,7 +617,7 @@ class Damped(Table):
 
 
 class ArmDocument(Damped):
-    """All that `arm.toml` says."""
+    """The content of `arm.toml`."""
 
     format: Literal["ident-arm/1"]
     name: Annotated[Line, Field(min_length=1)]
@@ -647,12 +647,12 @@ class ArmDocument(Damped):
         )  # fmt: skip
 
     def extents(self) -> dict[str, Any]:
-        """Return the corners of the bodies whose shape is known, (2, 3) [m] by name."""
+        """Return the corners of the bodies with a shape, (2, 3) [m] by name."""
         bodies = [*(body for joint in self.joint for body in (*joint.shaft, *joint.link)), *self.payload]
         return {body.name: extent for body in bodies if (extent := body.extent()) is not None}
 
     def origins(self) -> dict[str, str]:
-        """Return the origin by path; what follows from a shape is derived, what is left out is assumed to be zero."""
+        """Return the origin by path: `derived` for numbers from a shape, `assumed` for missing numbers (zero)."""
         written = self.model_dump()
         tables = {name: table for _, name, table in named(written)} | {key: written[key] for key in SINGLE}
 
@@ -665,11 +665,11 @@ class ArmDocument(Damped):
 
 
 SINGLE = ("stroke", "damping")
-"""Tables that have no name: they are called by their key."""
+"""Tables without a name, which go by their key."""
 
 
 def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any, Any]]:
-    """Yield every table that should have a name, or gets one, and its name, whatever else may be wrong."""
+    """Yield every table that needs or gets a name, with that name, even from an otherwise invalid file."""
     for n, joint in _rows(raw, "joint"):
         yield ("joint", n), joint.get("name"), joint
         for kind in ("shaft", "link"):
@@ -689,11 +689,11 @@ def _rows(table: Mapping[str, Any], key: str) -> list[tuple[int, Any]]:
 
 
 # -------- Uncertainty
-# What an arm file says of how well its numbers are known.
+# Standard deviations of the numbers in an arm file.
 
 
 def uncertain_numbers(document: ArmDocument) -> dict[str, str]:
-    """Return the standard deviation, as it is written, of each number that has one, by path."""
+    """Return the standard deviation of each uncertain number, as written, by path."""
     found: dict[str, str] = {}
     for _, name, table in named(document.model_dump()):
         for key, part in table.items():

@@ -1,7 +1,7 @@
-"""Import of a serial arm from URDF, completed with what URDF cannot say: bushing stiffness and damping.
+"""Import of a serial arm from URDF, completed with bushing stiffness and damping, which URDF lacks.
 
-URDF turns each link's frame as it likes; ident's frames are all parallel to the base frame in the zero
-posture. Offsets, axes, mass centres and inertias are therefore taken from the base frame at zero posture.
+URDF frames of links have any orientation; ident's frames are all parallel to the base frame in the zero posture.
+Offsets, axes, mass centres and inertias are therefore taken from the base frame at zero posture.
 """
 
 import io
@@ -41,16 +41,16 @@ from ident.errors import Problem, every, placed, refusal, refuse, require
 from ident.text import NAME_RULE, one_line, read_bytes
 
 # -------- Chain of a URDF file
-# The serial chain of a URDF file: what moves, in the base frame at zero posture, and what is wrong with the file.
+# The serial chain of a URDF file: its moving parts, in the base frame at zero posture, and the file's problems.
 
 NUMBERS = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz", "xyz", "rpy", "value", "lower", "upper", "effort", "velocity"}
 NUMBERS |= {"multiplier", "offset", "damping", "friction", "size", "radius", "length", "scale", "rising", "falling"}
 NUMBERS |= {"soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"}
 """Attributes that hold numbers."""
 UNBOUNDED = {"lower", "upper", "effort", "velocity"}
-"""Those of a limit that may be infinite, as where there is none."""
+"""Attributes of a limit that may be infinite, for no limit."""
 TURNING = ("revolute", "continuous")
-"""Types of the joints that an arm may have."""
+"""Types of an arm's joints."""
 
 
 @dataclass
@@ -60,12 +60,12 @@ class Segment:
     Poses are (4, 4), in the base frame at zero posture.
 
     Attributes:
-        joint: the URDF joint; None for what is fixed to the base.
+        joint: the URDF joint; None for the base.
         pose: pose of the joint.
-        links: pose of each link that is fixed to it, by name.
+        links: pose of each fixed link, by name.
         bodies: URDF inertial and pose of each link that moves with it and has one, by name.
-        ends: links to which no other is fixed.
-        held: joints beyond it that the arm does not have, held at zero, and their links.
+        ends: fixed links without further fixed links.
+        held: joints beyond it that are not the arm's and are held at zero, with their links.
     """
 
     joint: Any
@@ -82,7 +82,7 @@ class Segment:
 
 
 def parse(data: bytes, where: str) -> Any:
-    """Return yourdfpy's robot; malformed XML is refused first, since yourdfpy would repair it in silence."""
+    """Return yourdfpy's robot; refuse malformed XML first, since yourdfpy would repair it silently."""
     root = robot_root(data, where)
     require(root.tag == "robot", f"{where}:1", f"<{root.tag}>", "<robot>", "give a URDF file")
     refuse(_wild_numbers(root, where))
@@ -103,7 +103,7 @@ def parse(data: bytes, where: str) -> Any:
 
 
 def _wild_numbers(root: Any, where: str) -> Iterator[Problem]:
-    """Yield nan, inf and absurdly large numbers, from which later steps would only make nonsense."""
+    """Yield nan, inf and absurdly large numbers, which would make later results meaningless."""
     for part in (*root.iter("link"), *root.iter("joint")):
         for element in part.iter():
             for key in NUMBERS & element.attrib.keys():
@@ -113,10 +113,10 @@ def _wild_numbers(root: Any, where: str) -> Iterator[Problem]:
 
 
 def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
-    """Return the base and the moving segments from there outwards; `tip` is the link that the arm ends with.
+    """Return the base and the moving segments from there outwards; `tip` is the last link of the arm.
 
     Raises:
-        InputError: no tree of links, no arm in it or several, no such tip, or a joint of the arm that does not turn.
+        InputError: links are not a tree, no arm or several, no such tip, or a joint of the arm does not turn.
     """
     links, joints = {link.name: link for link in robot.links}, {joint.name: joint for joint in robot.joints}
     refuse(_names_twice(robot, where))
@@ -148,7 +148,7 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
 
 
 def _moving(root: str, children: dict[str, list[Any]]) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """Return which moving joint carries each link, and which move next on each; the base is carried by ''."""
+    """Return the moving joint that carries each link, and the next moving joints on each; '' carries the base."""
     owner, after, order = {root: ""}, dict[str, list[str]]({"": []}), [root]
     for link in order:
         for joint in children[link]:
@@ -162,7 +162,7 @@ def _moving(root: str, children: dict[str, list[Any]]) -> tuple[dict[str, str], 
 
 
 def _collect(segment: Segment, link: str, following: str, links: Any, children: Any) -> Any:
-    """Add a link and all that moves with it to a segment; return the pose of the joint that follows in the arm."""
+    """Add a link and everything that moves with it to a segment; return the pose of the arm's next joint."""
     pose, stack = segment.pose, [(link, segment.pose, False)]
     while stack:
         link, at, is_held = stack.pop()
@@ -189,12 +189,12 @@ def _collect(segment: Segment, link: str, following: str, links: Any, children: 
 
 
 def _offset(joint: Any) -> float:
-    """Return where a joint that follows another one is while that is at zero [rad or m]; zero for any other."""
+    """Return the position of a following joint while its leader is at zero [rad or m]; zero for any other joint."""
     return 0.0 if joint.mimic is None else float(joint.mimic.offset or 0.0)
 
 
 def _moved(joint: Any, by: float) -> Any:
-    """Return how the child of a joint is placed in its frame, (4, 4)."""
+    """Return the pose (4, 4) of a joint's child in the joint's frame."""
     pose, slides = np.eye(4), joint.type == "prismatic"
     way = by * np.asarray(joint.axis) / max(float(np.linalg.norm(joint.axis)), 1e-9)
     pose[:3, 3], pose[:3, :3] = slides * way, Rotation.from_rotvec((not slides) * way).as_matrix()
@@ -211,7 +211,7 @@ def _names_twice(robot: Any, where: str) -> Iterator[Problem]:
 
 
 def _other_types(joints: list[Any], where: str) -> Iterator[Problem]:
-    """Yield joints of the arm that ident has no equation for."""
+    """Yield joints of the arm that ident cannot model."""
     for joint in joints:
         place = f"{where}, joint {joint.name}"
         if joint.type not in TURNING:
@@ -223,7 +223,7 @@ def _other_types(joints: list[Any], where: str) -> Iterator[Problem]:
 
 
 def _no_tree(robot: Any, links: set[str], where: str) -> Iterator[Problem]:
-    """Yield what keeps links from forming one tree."""
+    """Yield the problems that keep the links from forming one tree."""
     carried = [joint.child for joint in robot.joints]
     for joint in robot.joints:
         place = f"{where}, joint {joint.name}"
@@ -246,35 +246,35 @@ def read_urdf(
 ) -> Arm:
     """Return a serial arm from a URDF file.
 
-    Revolute and continuous joints become driven joints with an empty shaft; links behind fixed joints belong
-    to the link before them. Joints that are not on the way to the tip, as those of a gripper, are held at zero, and
-    what they carry belongs to the link before them too; `ident.read_arm` says which. Meshes are not read. The root
-    link's frame is the base frame; what is fixed to it is left out.
+    Revolute and continuous joints become driven joints with an empty shaft; links beyond fixed joints belong to the
+    link before them. Joints off the way to the tip, such as those of a gripper, are held at zero, and their links
+    belong to the link before them too; `ident.read_arm` lists them. Meshes are not read. The root link's frame is the
+    base frame; everything fixed to it is omitted.
 
     Args:
         path: the URDF file.
         stiffness: (k_bend, k_tors) [N m/rad] of every joint by name, or one pair for all.
         damping: (tau_bend, tau_tors) [s] of every joint by name, or one pair for all.
-        tip: URDF link that the arm ends with, whose frame's origin becomes the point `tip`; by default the end of the
-            chain. Of a robot of several arms it names one.
+        tip: last URDF link of the arm, whose frame's origin becomes the point `tip`; by default the end of the chain.
+            For a robot with several arms it selects one.
 
     Raises:
-        InputError: the file is no URDF, the robot no serial arm of such joints, or a joint lacks a value.
+        InputError: the file is not URDF, the robot is not a serial arm of such joints, or a joint lacks a value.
     """
     robot = urdf_robot(read_bytes(path, "a robot description (URDF)"), str(path), tip)
     return robot.arm(robot.bushings(stiffness, damping))
 
 
 def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
-    """Return the robot that a URDF file describes; the path names it in errors, and a robot without a name.
+    """Return the robot of a URDF file; the path names it in errors, and is the name of an unnamed robot.
 
     Args:
         data: the file.
-        path: where it is.
-        tip: the link that the arm ends with; None for the end of the chain.
+        path: its path.
+        tip: last link of the arm; None for the end of the chain.
 
     Raises:
-        InputError: the file is no URDF, or the robot no serial arm of turning joints.
+        InputError: the file is not URDF, or the robot is not a serial arm of turning joints.
     """
     where = one_line(path)
     robot = parse(data, where)
@@ -296,7 +296,7 @@ def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
 
 
 def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], where: str) -> Iterator[str]:
-    """Yield where the arm is not what the file says."""
+    """Yield the differences between arm and file."""
     own, weights = {each.joint.name for each in segments}, [_weights(each) for each in (base, *segments)]
     whole = sum(fixed + held for fixed, held in weights[1:])
     for segment, (_, mass) in zip((base, *segments), weights, strict=True):
@@ -314,14 +314,14 @@ def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], whe
 
 
 def _weights(segment: Segment) -> tuple[float, float]:
-    """Return the masses [kg] of what is fixed to a segment, and of what is on joints that are held."""
+    """Return the masses [kg] fixed to a segment, and those on its held joints."""
     masses = {name: float(body.mass or 0) for name, (body, _) in segment.bodies.items()}
     fixed = sum(mass for name, mass in masses.items() if name in segment.links)
     return fixed, sum(masses.values()) - fixed
 
 
 def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> Pin:
-    """Return a segment as a pin; `place` is the origin of the segment before, `names` what links are called."""
+    """Return a segment as a pin; `place` is the origin of the previous segment, `names` the names of links."""
     urdf = segment.joint
     axis = segment.pose[:3, :3] @ urdf.axis if np.shape(urdf.axis) == (3,) else np.zeros(3)
     is_direction = 1e-9 < np.linalg.norm(axis) < np.inf

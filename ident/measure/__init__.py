@@ -1,4 +1,4 @@
-"""What was measured: campaigns of single numbers, logs and traces, from CSV into SI units."""
+"""Measurements: campaigns of single numbers, logs and traces, from CSV into SI units."""
 
 import importlib
 from typing import TYPE_CHECKING, Any

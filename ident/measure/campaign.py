@@ -1,4 +1,4 @@
-"""What was measured, in SI units: measurements, and the campaign that holds them."""
+"""Measurements in SI units, and the campaign that holds them."""
 
 import math
 import re
@@ -27,10 +27,10 @@ from ident.text import NAME, one_line, quoted, table_lines
 from ident.units import QUANTITIES, asked_postures, si_factor
 
 # -------- Cells
-# What is wrong with what a measurement says: fields that its kind can't have or lacks, numbers that can't be.
+# Problems of a measurement: fields that its kind can't have or lacks, impossible numbers.
 
 SHARPEST = 1e-6
-"""Least standard deviation, as a share of the value: no arm is as constant, and below it searches take minutes."""
+"""Least relative standard deviation: no arm is that constant, and below it searches take minutes."""
 
 ROLE_FIELDS = tuple(dict.fromkeys(name for fields in ROLES.values() for name in fields))
 """Fields that only some kinds have."""
@@ -42,7 +42,7 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
 
     Args:
         kind: a name in `KINDS`.
-        given: text of the fields that were given, by field name.
+        given: text of the filled fields, by field name.
 
     Yields:
         The problems, with the column and no row.
@@ -65,7 +65,7 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
 
 
 def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Problem]:
-    """Find a difference between a load and itself."""
+    """Find a difference whose two loads are the same."""
     if kind in DIFFERENCES and load == reference_load:
         got = f"{quoted(str(reference_load))}, the load itself"
         remedy = "give the two loads of the difference"
@@ -77,11 +77,11 @@ WORDS = {
     "drives": Word(DRIVE_STATES, "correct it, or leave the row out if the motors turned freely", "write {}"),
     "ramp": Word(RAMPS, "correct it, or leave the cell empty", "write {}"),
 }
-"""Fields of few words."""
+"""Fields with a choice of words."""
 
 
 def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
-    """Find values and standard deviations [SI] that can't be."""
+    """Find impossible values and standard deviations [SI]."""
     unit = QUANTITIES[KINDS[kind]].si.removesuffix("1")
     lowest, highest = _RANGES.get(kind, (-math.inf, math.inf))
     if not lowest < value < highest:
@@ -98,17 +98,17 @@ def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
 # -------- Campaign
 
 ROUNDING = 12**-0.5
-"""Standard deviation of what is rounded to steps of one: uniform within half a step (JCGM 100:2008, F.2.2.1)."""
+"""Standard deviation of rounding to steps of one: uniform within half a step (JCGM 100:2008, F.2.2.1)."""
 
 SHOWN, WIDEST = 12, 24
-"""Rows that a campaign shows of itself when it is printed, and characters of a cell."""
+"""Rows of a printed campaign, and characters of a cell."""
 GRAVITY_DIRECTION = AXES["-z"]
-"""Direction in which a deflection counts when none is given."""
+"""Default direction of a deflection."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """One measured number; two are equal when they say the same, whatever file and unit they were written in.
+    """One measured number; measurements compare by content, whatever file and unit they come from.
 
     Attributes:
         kind: `frequency` (natural frequency [Hz], see `of`), `deflection` [m], `deflection_difference` (under
@@ -116,29 +116,29 @@ class Measurement:
             `twist` [rad], `twist_difference` [rad], `damping_ratio` [-] or `shape` (how a mode moves `point` along
             `direction`, over how it moves `reference_point` along `reference_direction` [-], so that scale and sign do
             not matter).
-        posture: (joints,) [rad] joint angles at which the arm was held.
+        posture: (joints,) [rad] joint angles of the arm.
         value: () [Hz, m, rad or -] the measured number.
         sigma: () [as value] its standard deviation.
         mode: mode label such as `vertical bending 1`, in lower case; None to match modes in ascending order.
-        of: what a frequency is of its damped mode, one of `DEFINITIONS`; None for undamped.
-        point: point of the arm whose deflection was read; of a rotation, the point whose body turned.
-        direction: (3,) [-] unit vector in the base frame, along which a deflection counts, -z when not given, or about
-            which a rotation counts, right-handed.
-        reference_point: point that a shape is counted from.
+        of: definition of a damped mode's frequency, one of `DEFINITIONS`; None for undamped.
+        point: point of the arm where a deflection was read; of a rotation, the point whose body turned.
+        direction: (3,) [-] unit vector in the base frame, along a deflection (default -z) or about which a rotation
+            counts, right-handed.
+        reference_point: reference point of a mode shape.
         reference_direction: (3,) [-] unit vector in the base frame, likewise.
-        joint: joint whose twist was read.
-        setup: what it was measured with, in whose frame the direction counts; empty for the base frame.
-        ramp: one of `RAMPS`, for what was read on the way up a ramp of loads, or back; empty for none.
+        joint: joint of a twist.
+        setup: measurement setup, in whose frame the direction is given; empty for the base frame.
+        ramp: one of `RAMPS`, branch of a load ramp on which it was read; empty for none.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
-        repeat: what tells this reading from others of the same, such as its number.
-        group: name of the rows with whose errors its own is correlated; empty for none. See `Campaign.covariance`.
+        repeat: distinguishes repeated readings, such as a number.
+        group: name of the rows with correlated errors; empty for none. See `Campaign.covariance`.
         member: its place in that group, from 1; 0 for none.
         load: the load case.
-        reference_load: the load case that a difference starts from.
-        drives: what held the motors, one of `DRIVE_STATES`; `brake` when not given.
-        unit: unit in which the value was written, such as `mm`.
+        reference_load: the load case subtracted in a difference.
+        drives: state of the motors, one of `DRIVE_STATES`; `brake` by default.
+        unit: unit in the file, such as `mm`.
         note: free text.
-        where: `file:row` where it was written; empty for values made in code.
+        where: `file:row` of its line; empty for values made in code.
     """
 
     kind: str
@@ -189,20 +189,20 @@ class Measurement:
 
     @property
     def spread(self) -> float:
-        """() [as value] standard deviation of this reading alone, that of its rounding included."""
+        """() [as value] standard deviation of this reading alone, its rounding included."""
         return math.hypot(self.sigma, self.resolution * ROUNDING) if self.resolution else self.sigma
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """The measurements on one arm, and where they come from; campaigns with equal measurements are equal.
+    """The measurements on one arm and their source; campaigns with equal measurements are equal.
 
     Attributes:
-        name: what the campaign is called; the file's name without its ending.
-        path: the file it was read from; empty for a campaign made in code.
+        name: name of the campaign: the file's name without its ending.
+        path: the file; empty for a campaign made in code.
         sha256: hash of the file's bytes.
         measurements: in the file's order, all with the same number of joints.
-        covariance: how the errors of the groups' rows are correlated; None where no row is in a group.
+        covariance: error correlations within the groups; None where no row is in a group.
         setups: the frames of the setups that rows name.
     """
 
@@ -230,7 +230,7 @@ class Campaign:
         )
 
     def __str__(self) -> str:
-        """Return a short table: the first rows, each with what was measured, where, its value and its sigma."""
+        """Return a short table: the first rows, each with quantity, place, value and sigma."""
         places = f"{len(self.postures)} posture{'s' * (len(self.postures) != 1)}"
         lines = [f"{one_line(self.name or 'campaign')}: {len(self)} measurements at {places}"]
         cells = [_cells(m, i) for i, m in enumerate(self.measurements[:SHOWN], 1)]
@@ -258,25 +258,25 @@ class Campaign:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be asked of it: postures in degrees that look like radians."""
+        """Remarks to check: postures in degrees that look like radians."""
         return tuple(f"{one_line(self.path or self.name)}: {note}" for note in asked_postures(self.postures))
 
     @property
     def correlated(self) -> tuple[Correlated, ...]:
-        """Places of the rows of each group that has several, and the correlation [-] of their errors."""
+        """Places of the rows of each group of several, and the correlation [-] of their errors."""
         return correlated([(m.group, m.member) for m in self.measurements], self.covariance)
 
     def of_kind(self, *kinds: str) -> "Campaign":
-        """Return the campaign with the measurements of these kinds only."""
+        """Return the campaign with only the measurements of these kinds."""
         return replace(self, measurements=tuple(m for m in self.measurements if m.kind in kinds))
 
     def without(self, *kinds: str) -> "Campaign":
-        """Return the campaign less the measurements of these kinds."""
+        """Return the campaign without the measurements of these kinds."""
         return replace(self, measurements=tuple(m for m in self.measurements if m.kind not in kinds))
 
 
 def _cells(m: Measurement, number: int) -> tuple[str, ...]:
-    """Return a measurement as the cells of a short table, in the unit that it was written in."""
+    """Return the cells of a measurement for a short table, in the unit of its file."""
     size = si_factor(m.unit, KINDS[m.kind])
     posture = ", ".join(f"{math.degrees(angle) + 0.0:.4g}" for angle in m.posture)
     texts = (m.kind, m.mode or m.point or m.joint or "", posture, str(m.load))
@@ -285,7 +285,7 @@ def _cells(m: Measurement, number: int) -> tuple[str, ...]:
 
 
 def reference_problems(m: Measurement) -> Iterator[Problem]:
-    """Find a shape that is counted from the place where it was read, or of a frequency's definition."""
+    """Find a shape that is its own reference, or that has the wrong frequency definition."""
     if m.kind in SHAPES and m.of not in (None, "pole"):
         remedy = "leave the cell empty, or write pole"
         yield Problem("", quoted(m.of or ""), "undamped, or pole: a shape of the damped mode", remedy, "of")

@@ -1,4 +1,4 @@
-"""The channel table of a modal test: what each channel of each file measured, where, along what, in which unit."""
+"""The channel table of a modal test: quantity, point, direction and unit of each channel of each file."""
 
 import hashlib
 import math
@@ -24,32 +24,32 @@ from ident.units import sensor_factor
 
 FORCE, RESPONSE, REFERENCE, TIME, IGNORED = "force", "response", "reference", "time", "ignore"
 ROLES = (FORCE, RESPONSE, REFERENCE, TIME, IGNORED)
-"""What a channel may be for: the force, a response to it, in a test without force a response with which all others are
-correlated, the times of the samples, or nothing."""
+"""Roles of a channel: the force, a response to it, the reference response of a test without force (all others are
+correlated with it), the times of the samples, or ignored."""
 _MOTION = ("acceleration", "velocity", "length")
 QUANTITIES = {FORCE: ("force",), RESPONSE: _MOTION, REFERENCE: _MOTION, TIME: ("time",)}
-"""What a channel of each role may measure; a length is a displacement."""
+"""Quantities that a channel of each role may measure; a length is a displacement."""
 FRAMES = ("base", "body")
-"""In which frame a direction has its components: the base's, or that of the body which carries the point."""
+"""Frames of a direction's components: the base's, or that of the body that carries the point."""
 VOLTAGES = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 VOLTS = re.compile(rf"(?P<number>[-+0-9.,eE]+)\s*(?P<volts>{'|'.join(VOLTAGES)})\s*/\s*(?P<unit>\S.*)")
-"""A sensitivity as a sensor's certificate has it."""
+"""A sensitivity as on a sensor's certificate."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedChannel:
-    """What a row of a table says of one channel of a recording.
+    """One channel of a recording, as a row of a table describes it.
 
     Attributes:
         where: `file:row` of the table.
-        file: name of the recording, beside the table.
-        channel: name of the channel, as the recording has it.
+        file: name of the recording, in the table's folder.
+        channel: name of the channel in the recording.
         point: name of a point of the arm.
-        frame: one of `FRAMES`, in which the direction has its components.
-        unit: of what is measured; empty to take what the file says.
-        sensitivity: number of the file for one `unit`; None where the file's numbers are in the unit already.
-        in_volts: whether it is a number of volts, whatever voltage the file is in.
-        load: what the arm carried, sensors included.
+        frame: one of `FRAMES`, the frame of the direction's components.
+        unit: of the measured quantity; empty to use the file's.
+        sensitivity: file's number per `unit`; None where the file's numbers are in the unit already.
+        in_volts: whether the sensitivity is in volts, whatever unit of voltage the file has.
+        load: load case of the arm, sensors included.
     """
 
     where: str
@@ -63,16 +63,16 @@ class RecordedChannel:
     load: Load = OWN_WEIGHT
 
     def scale(self, unit: str, quantities: Iterable[str], named: str, example: str) -> tuple[str, float]:
-        """Return what the channel measures, a name in `ident.units.QUANTITIES`, and SI units per number of its file.
+        """Return the measured quantity, a name in `ident.units.QUANTITIES`, and SI units per number of the file.
 
         Args:
-            unit: as the file says it; empty where it says none.
-            quantities: that it may measure.
-            named: what these are, for messages.
-            example: of a unit of them.
+            unit: of the file; empty if it has none.
+            quantities: those the channel may measure.
+            named: name of these quantities, for messages.
+            example: a unit of these quantities.
 
         Raises:
-            InputError: neither file nor table say a unit, they contradict each other, or it is of another quantity.
+            InputError: neither file nor table has a unit, they contradict each other, or it is of another quantity.
         """
         channel, said = f"channel {quoted(self.channel)}", self.unit or unit
         expected = f"a unit such as {example}: neither the file nor the table has one"
@@ -100,20 +100,20 @@ class RecordedChannel:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelRow(RecordedChannel):
-    """What one channel measured; `*` in the name of its file stands for any letters.
+    """Row of a channel table; `*` in the name of its file stands for any letters.
 
     Attributes:
         role: one of `ROLES`.
-        posture: (joints,) [rad] at which the arm was held.
-        joint: joint on whose body the point lies, where the arm has no such point.
+        posture: (joints,) [rad] of the arm.
+        joint: joint whose body carries the point, where the arm has no such point.
         position: (3,) [m] of that point in the body's frame.
-        direction: (3,) [-] along which the force acts or the response counts.
-        quantity: what is measured; empty to take what the unit measures.
-        full_scale: [unit] beyond which the input is overloaded; None where the file's largest numbers tell.
-        rate: [Hz] of the samples; None where the file says it.
-        decay: [1/s] by which the analyser's own exponential window has faded the response.
-        drives: what held the motors.
-        harmonics: what turned, and how fast, during a test without force.
+        direction: (3,) [-] of the force or the response.
+        quantity: measured quantity; empty to derive it from the unit.
+        full_scale: [unit] overload limit of the input; None to judge by the largest numbers in the file.
+        rate: [Hz] sampling rate; None to use the file's.
+        decay: [1/s] of the exponential window that the analyser has applied to the response.
+        drives: state of the drives.
+        harmonics: turning parts and their speeds during a test without force.
     """
 
     role: str
@@ -130,7 +130,7 @@ class ChannelRow(RecordedChannel):
 
     @property
     def counts(self) -> bool:
-        """Whether it is a force or a response."""
+        """Whether the channel is a force or a response."""
         return self.role in (FORCE, RESPONSE, REFERENCE)
 
 
@@ -145,7 +145,7 @@ def _position(text: str, decimal: str) -> Vector:
 
 
 def _sensitivity(text: str, decimal: str) -> tuple[float, str | None]:
-    """Return numbers of the file for one unit, and that unit where they are volts, as on a certificate: 100 mV/g."""
+    """Return the file's number per unit, and the unit if it is in volts as on a certificate: 100 mV/g."""
     volts = VOLTS.fullmatch(text)
     if not volts:
         return POSITIVE(text, decimal), None
@@ -156,9 +156,9 @@ RECORDED = (
     Rule("file", needed="the file's name", required=True),
     Rule("channel", needed="the channel's name", required=True),
 )
-"""Rules of the columns that say where a channel was recorded."""
+"""Rules of the columns that locate a channel: its file and its name there."""
 NAMED = (*RECORDED, Rule("role", Word(ROLES), IGNORED, required=True))
-"""Rules of the columns that each row fills in."""
+"""Rules of the columns that every row fills in."""
 DETAILS = (
     Rule("point", required=True),
     Rule("joint"),
@@ -173,11 +173,11 @@ DETAILS = (
     Rule("decay", POSITIVE, 0.0),
     Rule("load", Load.parse),
 )
-"""Rules of those in which a row says more, where it has a role."""
+"""Rules of the further columns of a row with a role."""
 DRIVES, HARMONICS = Rule("drives", WORDS["drives"], DRIVE_STATES[0]), Rule("harmonics", parse_speeds)
 RULES = (*NAMED, *DETAILS, DRIVES, HARMONICS, Rule("note"))
 COLUMNS = tuple(rule.name for rule in RULES)
-"""Names of the columns, beside the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
+"""Names of the columns other than the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def read_channels(path: str | Path) -> ChannelTable:
     """Read a channel table from CSV; docs/commands/modal.md has its columns.
 
     Raises:
-        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+        InputError: the file is unreadable or has errors; all are listed.
     """
     data, findings = read_table(path), Findings()
     needed = "channel", "see `ident modal --init`, which writes one to fill in"
@@ -212,7 +212,7 @@ def read_channels(path: str | Path) -> ChannelTable:
 
 
 def _channel(row: Row) -> ChannelRow | None:
-    """Return what a row says; None where something is wrong with it, or lacking."""
+    """Return the channel of a row; None if the row has an error or a gap."""
     said, role = row.values(NAMED), row["role"].lower()
     if said["role"] == IGNORED:
         return None if row.problems else ChannelRow(where=row.where, posture=(), **said)
@@ -237,7 +237,7 @@ def _channel(row: Row) -> ChannelRow | None:
 
 
 def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
-    """Yield one problem for each channel that several rows speak of in the same words, one of which counts."""
+    """Yield one problem for each channel named by several rows, at least one of which counts."""
     for same in grouped(rows, lambda row: (row.file, row.channel)).values():
         if len(same) > 1 and any(row.counts for row in same):
             count = "twice" if len(same) == 2 else f"{len(same)} times"
@@ -246,7 +246,7 @@ def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
 
 
 # -------- Channel template
-# A channel table to fill in: what the files of a test say of their channels, and empty cells for what they do not.
+# A channel table to fill in: the information that the files of a test hold, and empty cells for the rest.
 
 COMMENTS = (
     "Fill in for each channel that counts: role (force, response; time where a channel holds the times), point of the",
@@ -257,22 +257,22 @@ COMMENTS = (
     "Without any force: a column harmonics for what turned meanwhile (2.25 Hz @ pulley 1 + 1450 rpm @ pump).",
 )
 LONGEST_LINE = 100_000
-"""Characters of a header: a line of a sparse file has no end."""
+"""Characters of a header at most: a line of a sparse file may never end."""
 MEASURED = (FORCE, RESPONSE, TIME)
-"""Roles by which a unit may be right, where the file does not tell the role."""
+"""Roles whose units are accepted for a channel of unknown role."""
 HEAD = ("file", "channel", "role", "point", "direction", "frame", "unit", "sensitivity", "rate", "decay")
 
 
 def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, Recording]:
-    """Return the recordings of a folder by file name; a channel table or campaign beside them is none.
+    """Return the recordings of a folder by file name, without channel tables and campaigns.
 
     Args:
-        folder: where they are.
-        table: names the files that are read: others are listed, without channels. None for all; then a file in which
-            nothing was recorded is listed without channels, too.
+        folder: folder of the recordings.
+        table: names the files to read; others are listed without channels. None reads all, and lists files in which
+            nothing was recorded without channels.
 
     Raises:
-        InputError: it is no folder, holds none, or some can't be read; each with a line.
+        InputError: not a folder, no recordings in it, or some are unreadable; one line each.
     """
     check_folder(folder)
     found: dict[str, Recording] = {}
@@ -289,7 +289,7 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
             again = [each for each in found[path.name].channels if table is None and ONE_NAME in each.flaw]
             for name, each in {each.name: each for each in again}.items():
                 problems.append(Problem(one_line(str(path)), each.flaw, "a name for each channel", each.remedy, name))
-        except LackingError:  # said once, not for each file
+        except LackingError:  # report it once, not for each file
             raise
         except InputError as error:
             sound = table is None and isinstance(error, NoChannelError)
@@ -305,7 +305,7 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse what is no folder."""
+    """Refuse a path that is not a folder."""
     if not os.path.isdir(folder):
         file = os.path.exists(folder)
         remedy = "name the folder of the recordings; a campaign is for `ident fit`" if file else which_file(folder)
@@ -313,34 +313,34 @@ def check_folder(folder: Path) -> None:
 
 
 def check_new(path: Path, remedy: str) -> None:
-    """Refuse a file that is there: none is overwritten."""
+    """Refuse an existing file, so that none is overwritten."""
     require(not os.path.exists(path), one_line(str(path)), "a file that is there", "none", remedy)
 
 
 def is_table(path: Path) -> bool:
-    """Tell whether a CSV file is a channel table or a campaign: its header names none of samples."""
+    """Whether a CSV file is a channel table or a campaign, not samples, by its header."""
     if path.suffix.lower() not in (".csv", ".txt"):
         return False
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             every = (line.strip() for line in iter(lambda: file.readline(LONGEST_LINE), ""))
             header = next((line for line in every if line and not line.startswith("#")), "")
-    except OSError:  # who reads it says so
+    except OSError:  # the reader reports it
         return False
     head = {cell.strip().lower() for cell in re.split("[,;\t]", header)}
     return {"file", "channel"} <= head or {"kind", "value"} <= head
 
 
 def write_template(folder: Path, path: Path, joints: int) -> int:
-    """Write the table of a folder's recordings, and return how many channels it has.
+    """Write the channel table of a folder's recordings, and return its number of channels.
 
     Args:
-        folder: of the recordings.
-        path: where the table goes.
+        folder: folder of the recordings.
+        path: file of the table.
         joints: number of joint angles in a posture.
 
     Raises:
-        InputError: see `recordings_of`; or there is such a file, which is not overwritten.
+        InputError: see `recordings_of`; or the file exists already.
     """
     check_new(path, "move it away, or name another by --channels")
     recordings = recordings_of(folder)
@@ -352,7 +352,7 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
 
 
 def write_blank(path: Path, comments: Iterable[str], columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> None:
-    """Write a table to fill in, below lines that say how."""
+    """Write a table to fill in, below comment lines that explain how."""
     replace_file(path, lambda file: file.write(csv_text(columns, rows, comments).encode()), make_folders=True)
 
 
@@ -374,7 +374,7 @@ def _rows(name: str, recording: Recording) -> Iterator[dict[str, str]]:
 
 
 def note_of(channel: Channel) -> str:
-    """Say what a file holds of a channel, or why it cannot be used."""
+    """Return the size and rate of a channel's data, or why it cannot be used."""
     if channel.flaw:
         return f"not to be used: {channel.flaw}; {channel.remedy}"
     blocks, samples = channel.values.shape

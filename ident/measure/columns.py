@@ -1,4 +1,4 @@
-"""Rules of columns: what the cells of a column may say, and the one reader that refuses what breaks a rule."""
+"""Rules for the cells of each column, and the one reader that enforces them."""
 
 import math
 import re
@@ -27,25 +27,25 @@ T = TypeVar("T")
 ANGLE = re.compile(r"q[1-9][0-9]{0,2}")
 """Name of a joint angle's column."""
 EXAMPLES = {"time": "s", "angle": "deg", "length": "mm", "acceleration": "m/s^2", "moment": "N*m", "frequency": "Hz"}
-"""A unit of each quantity that a header may state, for messages."""
+"""Example unit of each quantity in a header, for messages."""
 ABOVE_0 = math.ulp(0.0)
 """The least number above 0."""
 UNSET: Any = ...
-"""Of a column whose empty cells say nothing of their own: they are read like any other."""
+"""Default of a column without one: its empty cells are read like any other."""
 
 # -------- Rules
 
 
 @dataclass(frozen=True)
 class Number:
-    """Cells that hold a number of a range.
+    """Cells with a number in a range.
 
     Attributes:
-        expected: what the number is called.
-        remedy: what to do where it is none of the range.
-        least: the least that it may be.
-        most: the most.
-        in_percent: what was expected, and what to do, where it is written in percent; none where that is no number.
+        expected: the number in words, for messages.
+        remedy: for a number outside the range.
+        least: lower limit.
+        most: upper limit.
+        in_percent: expectation and remedy for a number in percent; none where percent is not read as a number.
     """
 
     expected: str
@@ -55,7 +55,7 @@ class Number:
     in_percent: tuple[str, str] | None = None
 
     def __call__(self, text: str, decimal: str = ".") -> float:
-        """Read a number, refused outside the range."""
+        """Read a number and refuse one outside the range."""
         if self.in_percent and text.endswith("%"):
             raise refusal("", quoted(text), *self.in_percent)
         value = parse_number(text, decimal)
@@ -66,13 +66,13 @@ class Number:
 
 @dataclass(frozen=True)
 class Word:
-    """Cells that hold one of a few words, in either case.
+    """Cells with one of a few words, in either case.
 
     Attributes:
         words: in lower case.
-        otherwise: what to do where none of them is meant.
-        suggestion: what to do where one of them is.
-        of: what the words are of, for messages.
+        otherwise: remedy for a text unlike any of them.
+        suggestion: remedy for a text close to one of them.
+        of: the thing that the words describe, for messages.
     """
 
     words: Sequence[str]
@@ -94,13 +94,13 @@ class Rule:
     """The rule of a column.
 
     Attributes:
-        name: in the header, which may have it in either case.
-        read: reads a cell, given the decimal mark; None for text that is taken as it is.
-        empty: what an empty cell says, or one that the file has no column for.
-        needed: what is missing where a cell is empty that must be filled; blank where it need not be.
-        quantities: that the unit in the header may measure, in which the numbers are; none where it needs no unit.
-        unit: that is meant where the header has none; blank where it must have one.
-        unit_is: what was expected, and what to do, where the header has another unit, as none is converted.
+        name: in the header, in either case.
+        read: reads a cell, given the decimal mark; None to keep the text.
+        empty: value of an empty cell or a missing column.
+        needed: the missing item, for messages on an empty cell; blank for an optional cell.
+        quantities: those allowed for the unit in the header; none for a column without unit.
+        unit: default without one in the header; blank where the header must have one.
+        unit_is: expectation and remedy where the header has another unit; units are not converted.
         required: whether the header must have the column.
     """
 
@@ -123,12 +123,12 @@ ANGLES = Rule("q1", parse_number, quantities=("angle",))
 
 @dataclass(frozen=True)
 class Unit:
-    """The unit of a column whose numbers are converted.
+    """The unit of a column of convertible numbers.
 
     Attributes:
-        written: in the header.
-        quantity: that it measures, a name in `QUANTITIES`.
-        factor: SI units in one of it.
+        written: as in the header.
+        quantity: its dimension, a name in `QUANTITIES`.
+        factor: SI units per unit.
     """
 
     written: str
@@ -142,9 +142,9 @@ class Header:
 
     Attributes:
         where: its place, `file:row`.
-        names: of the columns in the file's order, without units; of those that are ignored with units, as written.
-        units: of the columns whose numbers are converted.
-        ignored: names of the columns that have no rule, where these are not refused.
+        names: of the columns in the file's order, without units; those of ignored columns as written.
+        units: of the columns of convertible numbers.
+        ignored: names of the columns without a rule, where these are allowed.
     """
 
     where: str
@@ -164,10 +164,10 @@ class Row:
 
     Attributes:
         where: its place, `file:row`.
-        cells: by column; a column that the file has not is empty.
+        cells: by column; empty for a column that the file does not have.
         decimal: the decimal mark.
         header: of the file.
-        problems: what was found wrong in it.
+        problems: errors in the row.
     """
 
     where: str
@@ -180,7 +180,7 @@ class Row:
         return self.cells.get(column, "")
 
     def attempt(self, column: str, read: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T | None:
-        """Return what `read` returns, or None where it raises InputError, whose problems are noted."""
+        """Return the result of `read`; on InputError note its problems and return None."""
         return self.problems.attempt(self.where, column, read, *args, **kwargs)
 
     def add(self, got: str, expected: str, remedy: str, column: str = "") -> None:
@@ -188,12 +188,12 @@ class Row:
         self.problems.append(Problem(self.where, got, expected, remedy, column))
 
     def need(self, column: str, what: str) -> None:
-        """Note that a cell is empty that must be filled."""
+        """Note a required cell that is empty."""
         if not self[column]:
             self.add("nothing", what, "fill the cell", column)
 
     def value(self, rule: Rule) -> Any:
-        """Return what a cell says, numbers in SI; None where it breaks the rule of its column, which is noted."""
+        """Return the value of a cell, numbers in SI; if it breaks the rule of its column, note that and return None."""
         text, unit = self[rule.name], self.header.units.get(rule.name)
         if rule.needed:
             self.need(rule.name, rule.needed)
@@ -207,22 +207,22 @@ class Row:
         return tuple(each * unit.factor for each in value) if isinstance(value, tuple) else value * unit.factor
 
     def values(self, rules: Iterable[Rule]) -> dict[str, Any]:
-        """Return what the cells say, by column."""
+        """Return the values of the cells, by column."""
         return {rule.name: self.value(rule) for rule in rules}
 
     @property
     def posture(self) -> tuple[Any, ...]:
-        """Joint angles [rad]; None for one that cannot be read, which is noted."""
+        """Joint angles [rad]; None for an unreadable one, which is noted."""
         return tuple(self.value(replace(ANGLES, name=name)) for name in self.header.angles)
 
 
 def read_header(
     record: Record, rules: Collection[Rule], shown: str, findings: Findings, strict: bool = False
 ) -> Header:
-    """Read the header line, and note unknown, missing and doubled columns, and units that are none.
+    """Read the header line, and note unknown, missing and duplicate columns, and invalid units.
 
-    `shown` are all columns in words, blank where others are ignored; if `strict`, one that has a unit without need is
-    an unknown one, too.
+    `shown` names all columns in words, blank where others are ignored. If `strict`, a column with a unit that it does
+    not need is unknown, too.
     """
     (where, cells), columns = record, list[tuple[str, str, Rule | None]]()
     own, units = {rule.name.lower(): rule for rule in rules if rule is not ANGLES}, dict[str, Unit]()
@@ -262,7 +262,7 @@ def read_header(
 
 
 def unit_of(written: str, name: str, *quantities: str) -> Unit:
-    """Return the unit of a column, which its header must state: of the first of these quantities that it measures."""
+    """Return the unit in a column's header, for the first of these quantities that it fits; refuse a header without."""
     expected = " or ".join(QUANTITIES[quantity].expected for quantity in quantities)
     if not written:
         example = f"{expected}, as in '{name} [{EXAMPLES[quantities[0]]}]'"
@@ -280,9 +280,9 @@ def unit_of(written: str, name: str, *quantities: str) -> Unit:
 def rows_of(
     records: list[Record], header: Header, delimiter: str, findings: Findings, numeric: Collection[str] = ()
 ) -> list[Row]:
-    """Return the rows that fit the header; the others are noted.
+    """Return the rows that fit the header, and note the others.
 
-    The decimal mark is that of the `numeric` columns of the whole file, or else that of each row.
+    The decimal mark is that of the `numeric` columns of the whole file; without any, that of each row.
     """
     names, rows = header.names, fitting(records, len(header.names), delimiter, findings)
     places = [place for place, name in enumerate(names) if name in numeric]
@@ -296,7 +296,7 @@ def rows_of(
 def read_rows(
     data: bytes, path: str | Path, rules: Collection[Rule], findings: Findings, shown: str, *needed: str
 ) -> list[Row]:
-    """Return the rows of a table, each with what is wrong in it.
+    """Return the rows of a table, each with its problems.
 
     Args:
         data: the bytes of the file.

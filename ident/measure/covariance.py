@@ -1,8 +1,8 @@
 """The correlation of a campaign's errors: `CAMPAIGN.covariance.csv`.
 
-Each row of that file says how the errors of two rows of a group are correlated: `group,i,j,correlation`, i and j
-their places in the group from 1, in the campaign's order. The standard deviations stand in the campaign. Pairs that
-are not named are not correlated.
+Each row of that file gives the error correlation of two rows of a group: `group,i,j,correlation`, i and j their places
+in the group from 1, in the campaign's order. The standard deviations stand in the campaign. Pairs that are not listed
+are not correlated.
 """
 
 import hashlib
@@ -23,12 +23,12 @@ COVARIANCE_RULES = (
 COVARIANCE_COLUMNS = tuple(rule.name for rule in COVARIANCE_RULES)
 COVARIANCE_SUFFIX = ".covariance.csv"
 CLOSEST = 1e-8
-"""Distance from 1 that a correlation of two rows keeps: nearer, their difference is known 10,000 times better than each
-of them, which no instrument does, and a fit to it finds no end."""
+"""Least distance of a correlation from 1: closer, the difference of two rows is known 10,000 times better than each of
+them, which no instrument achieves, and a fit to it does not converge."""
 LARGEST = 2000
-"""Rows of a group at most: its correlation has their square."""
+"""Rows of a group at most: its correlation matrix has their square."""
 COMMON = 0.5
-"""Share of the variance between tests of one posture which all values of a kind in one test have in common; assumed."""
+"""Share of the variance between tests of one posture that all values of a kind in one test share; assumed."""
 
 Correlated = tuple[tuple[int, ...], tuple[tuple[float, ...], ...]]
 """Places of rows, (n,), and the correlation of their errors, (n, n)."""
@@ -39,7 +39,7 @@ class Group:
     """Rows of a campaign with correlated errors.
 
     Attributes:
-        name: as the rows name it.
+        name: name in the campaign's rows.
         correlation: (n, n) [-] of the errors of its rows, in their order.
     """
 
@@ -52,11 +52,11 @@ class Group:
 
 @dataclass(frozen=True)
 class Covariance:
-    """The groups of a campaign; two are equal when they say the same.
+    """The groups of a campaign, compared by content.
 
     Attributes:
         groups: in the order of the campaign.
-        path: the file they were read from; empty for groups made in code.
+        path: their file; empty for groups made in code.
         sha256: hash of its bytes.
     """
 
@@ -68,15 +68,15 @@ class Covariance:
         return next(group for group in self.groups if group.name == name)
 
     def has(self, name: str, member: int) -> bool:
-        """Tell whether a group has that many rows."""
+        """Whether a group has that many rows."""
         return any(group.name == name and 1 <= member <= len(group) for group in self.groups)
 
 
 def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -> tuple[Correlated, ...]:
-    """Return the places of the rows of each group that has several, and the correlation of their errors.
+    """Return the places of the rows of each group of several, and the correlation of their errors.
 
     Args:
-        rows: the group of each row, empty for none, and its place there from 1; in any order, and some may be missing.
+        rows: the group of each row, empty for none, and its place there from 1; in any order, possibly with gaps.
         covariance: of the whole groups.
     """
     found = []
@@ -88,7 +88,7 @@ def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -
 
 
 def covariance_path(path: str | Path) -> Path:
-    """Return where the correlations of a campaign's file lie: beside it."""
+    """Return the path of a campaign's covariance file, in the same folder."""
     return Path(path).with_suffix(COVARIANCE_SUFFIX)
 
 
@@ -116,7 +116,7 @@ def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covar
 
 
 def _pair(row: Row, sizes: Mapping[str, int]) -> tuple[str, int, int, float]:
-    """Return group, places from 1 and correlation of a row; what is wrong with it is noted."""
+    """Return group, places from 1 and correlation of a row; note its errors."""
     name = " ".join(row["group"].split())
     if name not in sizes:
         row.add(quoted(name), "a group that rows of the campaign name", "correct it", "group")
@@ -139,7 +139,7 @@ def _place(text: str, rows: int) -> int:
 
 
 def covariance_text(groups: Sequence[Group], campaign: str) -> str:
-    """Return correlations as CSV text; pairs that are not correlated are left out."""
+    """Return correlations as CSV text, without uncorrelated pairs."""
     pairs = (
         dict(zip(COVARIANCE_COLUMNS, (group.name, str(i), str(j), repr(value)), strict=True))
         for group in groups

@@ -1,8 +1,8 @@
-"""Frames in which something was measured, such as a laser tracker's: `CAMPAIGN.setups.csv`.
+"""Measurement frames such as a laser tracker's: `CAMPAIGN.setups.csv`.
 
-Each row says where the frame of a setup is: its origin in the base frame, and the rotation vector that turns the
-base frame into it, each with a standard deviation for every component: `0` where it is known, `free` where it is
-not known at all. A setup that rows of the campaign name, and that this file does not, is free.
+Each row locates the frame of a setup: its origin in the base frame, and the rotation vector that turns the base frame
+into it, each with a standard deviation for every component: `0` if known, `free` if unknown. Setups of the campaign
+that this file does not list are free.
 """
 
 import hashlib
@@ -43,11 +43,11 @@ class Setup:
     """The frame of a setup.
 
     Attributes:
-        name: as rows of the campaign name it.
-        origin: (3,) [m] where it is in the base frame; None where that is to be found.
-        turn: (3,) [rad] rotation vector that turns the base's axes into its own; None likewise.
+        name: name in the campaign's rows.
+        origin: (3,) [m] in the base frame; None to fit it.
+        turn: (3,) [rad] rotation vector from the base's axes to its own; None to fit it.
         sigma: () [m] standard deviation of each component of the origin, 0 if known, infinite if free.
-        turn_sigma: () [rad] the same of a further small turn about each of the base's axes.
+        turn_sigma: () [rad] standard deviation of a further small turn about each of the base's axes.
     """
 
     name: str
@@ -59,11 +59,11 @@ class Setup:
 
 @dataclass(frozen=True)
 class Setups:
-    """The setups of a campaign; two are equal when they say the same.
+    """The setups of a campaign, compared by content.
 
     Attributes:
         each: the setups.
-        path: the file that they are from; empty for those made in code.
+        path: their file; empty for setups made in code.
         sha256: hash of its bytes.
     """
 
@@ -72,16 +72,16 @@ class Setups:
     sha256: str = field(default="", compare=False)
 
     def __getitem__(self, name: str) -> Setup:
-        """Return the setup of a name: free where nothing is said of it."""
+        """Return the setup of a name; free if it is not listed."""
         return next((setup for setup in self.each if setup.name == name), Setup(name))
 
 
 NO_SETUPS = Setups(())
-"""Of a campaign of which nothing is said: all are free."""
+"""Setups of a campaign without a setups file: all are free."""
 
 
 def setups_path(campaign: str | Path) -> Path:
-    """Return the file beside a campaign in which its setups stand."""
+    """Return the path of a campaign's setups file, in the same folder."""
     return Path(campaign).with_suffix(SETUP_SUFFIX)
 
 
@@ -91,10 +91,10 @@ def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setup
     Args:
         data: the bytes.
         path: of the file.
-        names: setups that rows of the campaign name.
+        names: setups in the campaign's rows.
 
     Raises:
-        InputError: something in it is wrong; every problem is listed.
+        InputError: the file has errors; all are listed.
     """
     findings = Findings()
     rows = read_rows(data, path, SETUP_RULES, findings, f"one of {', '.join(SETUP_COLUMNS)}")
@@ -110,7 +110,7 @@ def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setup
 
 
 def _setup(row: Row, names: Collection[str]) -> Setup | None:
-    """Return the setup of a row; None where something is wrong with it."""
+    """Return the setup of a row; None if the row has an error."""
     name = row["setup"]
     if name not in names:
         remedy = f"write {near}" if (near := nearest(name, names)) else "correct the name, or delete the row"
@@ -121,7 +121,7 @@ def _setup(row: Row, names: Collection[str]) -> Setup | None:
 
 
 def _placed(row: Row, rules: tuple[Rule, ...], quantity: str) -> tuple[Vector | None, float]:
-    """Return three numbers [SI] with their standard deviation; none where they are to be found."""
+    """Return three numbers [SI] with their standard deviation; None for numbers to fit."""
     *components, unit, sigma = rules
     empty = [rule.name for rule in components if not row[rule.name]]
     if len(empty) == 3 and row[sigma.name].lower() in ("", FREE):

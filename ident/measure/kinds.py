@@ -1,4 +1,4 @@
-"""The kinds of measurement, and the words that their rows choose from."""
+"""The kinds of measurement, and the words that their rows may use."""
 
 _KINDS = {
     "frequency": ("frequency", "mode", "of"),
@@ -13,25 +13,25 @@ _KINDS = {
     "shape": ("ratio", "mode", "of", "point", "direction", "reference_point", "reference_direction"),
 }
 KINDS = {kind: quantity for kind, (quantity, *_) in _KINDS.items()}
-"""Kinds of measurement, each with the quantity it is measured in."""
+"""Kinds of measurement, each with its quantity."""
 ROLES = {kind: fields for kind, (_, *fields) in _KINDS.items()}
-"""The fields that a kind has beside posture, load, value and sigma."""
+"""Fields of each kind in addition to posture, load, value and sigma."""
 DIFFERENCES = ("deflection_difference", "rotation_difference", "twist_difference")
-"""Kinds that are what a load makes of the arm less what the reference load makes of it."""
+"""Kinds that are a difference: response to the load minus response to the reference load."""
 ROTATIONS = ("rotation", "rotation_difference")
-"""Kinds that turn about their direction; no direction is usual, so it must be given."""
+"""Rotations about their direction, which has no default and must be given."""
 POSITIONS = ("position",)
-"""Kinds that say where a point is, not how far it was moved; their direction must be given as well."""
+"""Absolute positions of a point, not displacements; their direction must be given as well."""
 TWISTS = ("twist", "twist_difference")
-"""Kinds that encoders on both sides of a joint read: angle of the link less that of the motor over the ratio."""
+"""Kinds read by encoders on both sides of a joint: link angle minus motor angle over the ratio."""
 SHAPES = ("shape",)
-"""Kinds that say how a mode moves a point along a direction, over how it moves the reference along its own."""
+"""Mode shape components: motion of a point along a direction over that of the reference along its own."""
 RAMPS = ("loading", "unloading")
-"""On which way of a ramp it was read, up to the largest load or back."""
+"""Branch of a load ramp: up to the largest load, or back."""
 DRIVE_STATES = ("brake", "servo")
-"""What held the motors while it was measured: brakes or the controller. The model has no motors that turn freely."""
+"""Motors held by brakes or by the controller during the measurement. The model has no freely turning motors."""
 DEFINITIONS = ("undamped", "pole", "damped", "displacement peak", "acceleration peak")
-"""What a frequency may be of a damped mode, with the pole s, w = |s| and z = -Re s / w the damping ratio.
+"""Definitions of the frequency of a damped mode with the pole s, w = |s| and the damping ratio z = -Re s / w.
 
 undamped: that of the arm without damping; pole: w; damped: Im s = w sqrt(1 - z^2); displacement peak: of the mode's
 receptance, w sqrt(1 - 2 z^2); acceleration peak: of its accelerance, w / sqrt(1 - 2 z^2); each divided by 2 pi.

@@ -1,4 +1,4 @@
-"""Kinds of measurement, load cases and directions: what hangs on the arm, and the short text that says so."""
+"""Load cases and directions, and the short text that describes them."""
 
 import math
 import re
@@ -68,12 +68,12 @@ def format_direction(direction: Vector) -> str:
 
 @dataclass(frozen=True)
 class Load:
-    """What hangs on the arm besides its own weight; empty for own weight alone.
+    """Load of the arm in addition to its own weight; empty for own weight alone.
 
-    Loads that say the same compare equal: terms are sorted, and masses or forces at one point are added up.
+    Equivalent loads compare equal: terms are sorted, and masses or forces at one point are added up.
 
     Attributes:
-        payloads: names of payloads that the arm file defines.
+        payloads: names of payloads in the arm file.
         masses: (mass [kg], point name), point masses.
         forces: ((3,) force [N] in the base frame, point name).
         moments: ((3,) moment [N m] in the base frame, right-handed, point whose body it turns).
@@ -113,7 +113,7 @@ class Load:
     def parse(cls, text: str, decimal: str = ".") -> "Load":
         """Read a load such as `glass + 5 kg @ tip + 20 N -z @ tip + 12 N*m about y @ tip`.
 
-        Blank or `own weight` is the empty one.
+        Blank or `own weight` is the empty load.
 
         Args:
             text: the load as written; masses, forces and moments may carry any unit of their kind.
@@ -123,7 +123,7 @@ class Load:
             The load.
 
         Raises:
-            InputError: the text doesn't follow the syntax; every bad term is listed.
+            InputError: the text doesn't follow the syntax; all bad terms are listed.
         """
         text = " ".join(text.split())
         if text.lower() in ("", "own weight"):
@@ -144,7 +144,7 @@ class Load:
 
 
 def _summed(acting: Iterable[tuple[Vector, Place]]) -> tuple[tuple[Vector, Place], ...]:
-    """Add up what acts at each place: a point, or kind, point and body; nothing where that is zero."""
+    """Add up the vectors at each place (a point, or kind, point and body); drop zero sums."""
     sums: dict[Place, Vector] = defaultdict(lambda: (0.0, 0.0, 0.0))
     for vector, place in acting:
         x, y, z = (a + b for a, b in zip(sums[place], vector, strict=True))
@@ -153,7 +153,7 @@ def _summed(acting: Iterable[tuple[Vector, Place]]) -> tuple[tuple[Vector, Place
 
 
 def _components(acting: Iterable[tuple[Vector, str]], kind: str, axes: str = "") -> Iterator[str]:
-    """Write what acts as terms along the axes."""
+    """Write forces or moments as terms along the axes."""
     words = "N " if kind == "force" else "N*m about "
     for vector, point in acting:
         for size, axis in zip(vector, "xyz", strict=True):
@@ -178,7 +178,7 @@ def _vector(term: re.Match[str], quantity: str, decimal: str) -> Vector:
 
 @contextmanager
 def _of_term(term: str) -> Iterator[None]:
-    """Say of which term an InputError is."""
+    """Name the term of an InputError."""
     try:
         yield
     except InputError as error:
@@ -190,7 +190,7 @@ def _misread(term: str, expected: str) -> Problem:
 
 
 def _load_problems(load: Load) -> Iterator[Problem]:
-    """Find names that are none, sizes that can't be, and payloads that hang twice."""
+    """Find invalid names, impossible sizes, and repeated payloads."""
     names = (*load.payloads, *named_points(load), *(body for *_, body in load.own))
     yield from (_misread(name, "the name of a payload or point") for name in names if not re.fullmatch(NAME, name))
     for mass, point in load.masses:
@@ -207,7 +207,7 @@ def _load_problems(load: Load) -> Iterator[Problem]:
 
 
 def named_points(load: Load) -> tuple[str, ...]:
-    """Return the points that a load names, one for each of its terms."""
+    """Return the points of a load, one for each of its terms."""
     hung = [point for _, point in (*load.masses, *load.forces, *load.moments)]
     return (*hung, *(point for _, _, point, _ in load.own))
 

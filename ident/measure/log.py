@@ -1,4 +1,4 @@
-"""Joint paths as a robot's controller logs them, and what shows that no joint can follow one."""
+"""Joint paths as logged by a robot's controller, and checks for paths that no joint can follow."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,20 +20,21 @@ from ident.text import LARGEST_SAMPLES
 FEWEST_ROWS = 4
 """Fewest rows of a log."""
 FASTEST = 100.0
-"""Joint speed [rad/s] above which angle or time must be in another unit than the header says, or an outlier;
-assumed."""
+"""Joint speed [rad/s] above which the header has the wrong unit of angle or time, or the value is an outlier; assumed.
+"""
 FARTHEST = 10 * 2 * math.pi
 """Angle [rad] beyond which a column marked rad must be in degrees."""
 RADIANS = ("rad", "radian", "radians")
-"""Names of the radian; mrad and others are nobody's mistake."""
+"""Names of the radian; mrad and others are not mistaken for degrees."""
 WRAP_SPEED = 10.0
-"""Joint speed [rad/s] above which a step of a whole turn is a wrap, if what remains of it is slower; assumed."""
+"""Joint speed [rad/s] above which a step of a whole turn is a wrap, if the rest of the step is slower; assumed."""
 JUDGED_ROWS_MIN = 50
-"""Fewest rows, and changes of the angles, by which clock and rate of a log are judged: a list of points has fewer."""
+"""Fewest rows, and changes of the angles, to judge clock and rate of a log: a list of points has fewer."""
 HELD_STEP = 4
-"""Steps of the last digit by which held angles change at once; those of a slow encoder change by one or two."""
+"""Jump of sample-held angles, in steps of the last digit; a slow encoder's jump is one or two."""
 ROUGH = 2.0
-"""Times by which the angles are smoother over even steps than over their times where the times are late; assumed."""
+"""Smoothness of the angles over even steps, relative to that over their times, from which the times are late; assumed.
+"""
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,9 @@ class Log(Sampled):
     """Joint angles over time.
 
     Attributes:
-        angles: (T,) [rad] by joint, in the order in which the joints were asked for.
-        ignored: names of further columns of the file, as written in its header.
-        notes: what was mended in it, or may be wrong.
+        angles: (T,) [rad] by joint, in the requested order of the joints.
+        ignored: names of further columns of the file, as in its header.
+        notes: repairs and possible errors.
     """
 
     angles: Mapping[str, Float[np.ndarray, " T"]]
@@ -62,7 +63,7 @@ def read_log(path: str | Path, joints: Sequence[str]) -> Log:
         The log in SI units.
 
     Raises:
-        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+        InputError: the file is unreadable or has errors; all are listed.
     """
     return parse_log(read_table(path, LARGEST_SAMPLES), path, joints)
 
@@ -83,7 +84,7 @@ def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
 
 
 def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
-    """Undo wraps of whole turns, and times late by less than half a step; note it, and angles that may be radians."""
+    """Undo wraps of whole turns and delays below half a step; note this, and angles that may be in radians."""
     columns, time = dict(series.columns), series[TIME]
     steps = np.diff(time)
     for joint in joints:
@@ -107,9 +108,9 @@ def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
 
 
 def _smoother(time: np.ndarray, angles: np.ndarray, even: np.ndarray) -> bool:
-    """Tell whether angles are smoother over even numbers than over times that vary from row to row.
+    """Whether angles are smoother over even steps than over times that vary from row to row.
 
-    By second differences, each over the noise that it takes from its three samples: noise alone is alike over both.
+    Compares second differences, each divided by the noise of its three samples, so that pure noise gives no preference.
     """
     steps, sizes = np.diff(time), list[float]()
     if len(steps) < JUDGED_ROWS_MIN or np.diff(steps).std() <= steps.std() or not (np.diff(even) > 0).all():
@@ -122,7 +123,7 @@ def _smoother(time: np.ndarray, angles: np.ndarray, even: np.ndarray) -> bool:
 
 
 def _clock_problems(series: Series, joints: Sequence[str]) -> Iterator[Problem]:
-    """Yield that times are those of arrival, in bursts, or that all angles are held for several rows each."""
+    """Yield arrival times in bursts, or angles that are all held over several rows."""
     steps, angles = np.diff(series[TIME]), np.stack([series[joint] for joint in joints])
     if _smoother(series[TIME], angles, np.arange(len(steps) + 1.0)):
         got = f"steps from {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms, as data arrive"
@@ -138,7 +139,7 @@ def _clock_problems(series: Series, joints: Sequence[str]) -> Iterator[Problem]:
 
 
 def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
-    """Yield the first angle that a column marked rad can't have, or jump that no joint makes."""
+    """Yield the first impossible angle of a column in rad, or the first impossible jump of a joint."""
     if joint in series.at_fault:
         return
     angles, far = series[joint], np.flatnonzero(abs(series[joint]) > FARTHEST)

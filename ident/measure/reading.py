@@ -1,4 +1,4 @@
-"""Campaign CSV into a campaign: every cell is checked, and every problem of the file reported at once."""
+"""Read and write campaign CSV: check every cell and report every problem of the file at once."""
 
 import hashlib
 import os
@@ -39,7 +39,7 @@ from ident.text import nearest, one_line
 from ident.units import si_factor
 
 # -------- Columns
-# The columns of a campaign CSV, and the header line that names them.
+# The columns of a campaign CSV and its header line.
 
 NO_SHARE = "sigma in the value's unit", "use the column relative_sigma for percent"
 NO_STEP = "resolution in the value's unit", "give it in that unit"
@@ -61,18 +61,18 @@ RULES = (
     Rule("resolution", RESOLUTION, 0.0),
     *map(Rule, ("repeat", "group", "note")),
 )
-"""Rules of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
+"""Rules of the columns other than the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
 
 COLUMNS = tuple(rule.name for rule in RULES)
 AS_TEXT = tuple(rule.name for rule in RULES if rule.read is None and rule.name != "relative_sigma")
-"""Columns whose text is taken as it is."""
+"""Columns stored as text, unparsed."""
 
 
 def _header(record: Record, findings: Findings) -> tuple[Header, frozenset[str]]:
-    """Read the header line and note unknown, doubled and missing columns.
+    """Read the header line and note unknown, duplicate and missing columns.
 
     Returns:
-        The header, and the columns that can't be read: problems in their cells would only repeat the header's.
+        The header and its unreadable columns, whose cells would only repeat the header's problems.
     """
     (where, cells), mine = record, Findings()
     is_trace, see = any(re.match(r"time\b", cell.lower()) for cell in cells), "`ident modal`, `ident source`"
@@ -96,12 +96,11 @@ def read_campaign(path: str | Path) -> Campaign:
         path: the file; UTF-8, columns separated by comma, semicolon or tab.
 
     Returns:
-        The measurements in SI units, with the file's hash, delimiter and decimal mark; where rows name a group, also
-        the correlations of `CAMPAIGN.covariance.csv` beside it, and where they name a setup, the frames of
-        `CAMPAIGN.setups.csv`.
+        The measurements in SI units with the file's hash. If rows name a group, the correlations of
+        `CAMPAIGN.covariance.csv` in the same folder; if they name a setup, the frames of `CAMPAIGN.setups.csv`.
 
     Raises:
-        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+        InputError: the file is unreadable or has errors; all are listed.
     """
     data = read_table(path)
     beside = [read_table(file) if os.path.isfile(file) else None for file in (covariance_path(path), setups_path(path))]
@@ -111,7 +110,7 @@ def read_campaign(path: str | Path) -> Campaign:
 def parse_campaign(
     data: bytes, path: str | Path, covariance: bytes | None = None, setups: bytes | None = None
 ) -> Campaign:
-    """Read a campaign from the bytes of a CSV file, and of those beside it; `path` names it in messages."""
+    """Read a campaign from the bytes of its CSV file and of its two companion files; `path` names it in messages."""
     findings = Findings()
     needed = "measurement", "see data/README.md for the columns"
     _, delimiter, records = records_of(data, path, lambda cell: cell.lower() in COLUMNS, findings, *needed)
@@ -133,7 +132,7 @@ def _covariance(measurements: Iterable[Measurement], path: str | Path, data: byt
     """Return the correlations of the groups that rows name.
 
     Raises:
-        InputError: rows in groups without that file, or that file without such rows; something in it is wrong.
+        InputError: groups without a covariance file, a covariance file without groups, or errors in it.
     """
     sizes, beside = Counter(m.group for m in measurements if m.group), covariance_path(path)
     where, expected = one_line(str(beside)), f"rows of {one_line(Path(path).name)} in groups"
@@ -149,7 +148,7 @@ def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes |
     """Return the frames of the setups that rows name.
 
     Raises:
-        InputError: a file of frames without such rows, or something in it is wrong.
+        InputError: a setups file without rows that name a setup, or errors in it.
     """
     names, beside = {m.setup for m in measurements if m.setup}, setups_path(path)
     if data is None:
@@ -161,7 +160,7 @@ def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes |
 
 
 def _measurement(row: Row) -> Measurement | None:
-    """Return what a row says; None where something is wrong with it."""
+    """Return the measurement of a row; None if the row has an error."""
     said = row.values(RULES)
     kind = said["kind"]
     said["sigma"] = _read_sigma(row, said)
@@ -179,14 +178,14 @@ def _contradictions(row: Row, said: Mapping[str, Any]) -> Iterator[Problem]:
     kind, loads = said["kind"], (said["load"], said["reference_load"])
     yield from role_problems(kind, {name: text for name, text in row.cells.items() if text})
     if said["value"] is not None:
-        any_sigma = min(abs(said["value"]), 1e305) or 1.0  # its own is looked at when the measurement is made
+        any_sigma = min(abs(said["value"]), 1e305) or 1.0  # `Measurement` checks the row's own sigma
         yield from value_problems(kind, said["value"], any_sigma)
     if None not in loads:
         yield from load_problems(kind, *loads)
 
 
 def _read_sigma(row: Row, said: Mapping[str, Any]) -> float | None:
-    """Return sigma in the value's unit as written."""
+    """Return sigma in the unit in which the value is written."""
     if bool(row["sigma"]) == bool(row["relative_sigma"]):
         got = "both" if row["sigma"] else "nothing"
         row.add(got, "either sigma or relative_sigma", "fill one of the two cells", "sigma")
@@ -212,7 +211,7 @@ def _duplicate_problems(measurements: tuple[Measurement, ...]) -> Iterator[Probl
 
 
 # -------- Writing
-# A campaign into CSV that reads back equal.
+# Write a campaign as CSV that reads back equal.
 
 WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "rotation": "mrad", "damping_ratio": "1", "ratio": "1"}
 """Unit in which each measured quantity is written."""
@@ -223,19 +222,19 @@ def write_campaign(
 ) -> None:
     """Write a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
 
-    The text is read back before it is written, so that no file is made that `read_campaign` would refuse. The
-    files appear together or not at all. Correlations go into `CAMPAIGN.covariance.csv` beside it, frames of setups into
-    `CAMPAIGN.setups.csv`; without any, such a file of an earlier campaign there is removed.
+    The text is read back first, so that `read_campaign` accepts every file written here. The files appear together or
+    not at all. Correlations go into `CAMPAIGN.covariance.csv` in the same folder, frames of setups into
+    `CAMPAIGN.setups.csv`. A campaign without them removes such a file of an earlier campaign.
 
     Args:
         campaign: what to write.
         path: the file; an existing one is replaced.
-        header_comments: comment lines for the head of the file, such as the origin of the numbers.
-        relative_sigma: whether standard deviations are written as fractions of the value, where they are any.
+        header_comments: comment lines at the head of the file, such as the origin of the numbers.
+        relative_sigma: whether to write standard deviations as fractions of the value, where they can be.
     """
     text = campaign_text(campaign, header_comments=header_comments, relative_sigma=relative_sigma)
     data, beside = text.encode("utf-8", errors="backslashreplace"), covariance_path(path)
-    # the groups of the campaign's rows as they are numbered when they are read again
+    # groups in the order in which reading numbers them
     names = dict.fromkeys(m.group for m in campaign if m.group)
     several = {campaign.measurements[places[0]].group: matrix for places, matrix in campaign.correlated}
     groups = [Group(name, several.get(name, ((1.0,),))) for name in names]
@@ -249,7 +248,7 @@ def write_campaign(
 
 
 def _write_beside(path: Path, content: bytes | None) -> None:
-    """Write a file that belongs to the campaign, or remove an earlier campaign's."""
+    """Write a companion file of the campaign, or remove that of an earlier campaign."""
     if content is None:
         remove_file(path)
     else:
@@ -257,13 +256,13 @@ def _write_beside(path: Path, content: bytes | None) -> None:
 
 
 def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), relative_sigma: bool = False) -> str:
-    """Return a campaign as CSV text under comment lines, with the columns that are in use; see `write_campaign`."""
+    """Return a campaign as CSV text below comment lines, with the columns in use; see `write_campaign`."""
     comments = [line for comment in header_comments for line in comment.splitlines() or [""]]
     return csv_text(*campaign_rows(campaign, relative_sigma=relative_sigma), comments)
 
 
 def campaign_rows(campaign: Campaign, *, relative_sigma: bool = False) -> tuple[list[str], list[dict[str, str]]]:
-    """Return the columns of a campaign that are in use, and its rows."""
+    """Return the columns in use and the rows of a campaign."""
     angles = [f"q{joint} [deg]" for joint in range(1, campaign.joints + 1)]
     degree = si_factor("deg", "angle")
     postures = [dict(zip(angles, (_written(angle, degree) for angle in m.posture), strict=True)) for m in campaign]
@@ -273,7 +272,7 @@ def campaign_rows(campaign: Campaign, *, relative_sigma: bool = False) -> tuple[
 
 
 def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:
-    """Return the cells of a measurement by column, but for its posture."""
+    """Return the cells of a measurement by column, without its posture."""
     unit = WRITTEN_UNITS[KINDS[m.kind]]
     factor = si_factor(unit, KINDS[m.kind])
     cells = {name: getattr(m, name) or "" for name in ("kind", *AS_TEXT)}
@@ -290,7 +289,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:
 
 
 def _written(value: float, unit: float) -> str:
-    """Return value/unit in the fewest digits, 15 at least, that read back as the same value; else in all."""
+    """Return value/unit in the fewest digits (15 or 16) that read back as the same value, otherwise in all digits."""
     exact = value / unit
     short = (float(f"{exact:.{digits}g}") for digits in (15, 16))
     return format_number(next((number for number in short if number * unit == value), exact))

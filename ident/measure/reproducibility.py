@@ -1,4 +1,4 @@
-"""How far the values of a modal test differ from those of another one that was set up from the start."""
+"""Scatter between modal tests of one posture, each set up from scratch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,22 +8,21 @@ from ident.measure.covariance import COMMON
 from ident.text import did_you_mean, quoted
 
 REPRODUCIBILITY = {"frequency": 0.002, "damping_ratio": 0.05}
-"""Standard deviation, as a share of the value, between tests of one posture that were set up from the start; assumed:
-sensors are mounted again, the posture is reached again, temperature and amplitude differ."""
+"""Relative standard deviation between tests of one posture, each set up from scratch: sensors remounted, posture
+reached again, another temperature and amplitude; assumed."""
 ASSUMED_FREEDOM = 4
-"""Degrees of freedom that the assumption counts where repeated tests show how far they differ."""
+"""Degrees of freedom of the assumed scatter when it is combined with that of repeated tests."""
 
 
 @dataclass(frozen=True)
 class Reproducibility:
-    """How far the values of a test differ from those of another one that was set up from the start.
+    """Scatter between modal tests of one posture, each set up from scratch.
 
     Attributes:
-        share: by kind, the standard deviation as a share of the value.
-        common: share of its variance that all values of a kind in one test have in common.
-        freedom: by kind, the degrees of freedom of repeated tests that it was estimated from; none where it was said or
-            assumed.
-        said: kinds whose share was given by the user.
+        share: by kind, the relative standard deviation.
+        common: share of the variance that all values of a kind in one test have in common.
+        freedom: by kind, degrees of freedom of the repeated tests behind the share; none where it is given or assumed.
+        said: kinds whose share the user gave.
     """
 
     share: Mapping[str, float] = field(default_factory=lambda: REPRODUCIBILITY)
@@ -43,16 +42,16 @@ class Reproducibility:
 
     @classmethod
     def of(cls, said: Mapping[str, float], common: float = COMMON) -> "Reproducibility":
-        """Return what a user has said, and what is assumed of the other kinds."""
+        """Return the user's shares, and the assumed ones of the other kinds."""
         return cls({**REPRODUCIBILITY, **said}, common, said=tuple(said))
 
     def after(self, kind: str, squares: float, freedom: int) -> "Reproducibility":
-        """Return what repeated tests show of a kind, with the assumption as `ASSUMED_FREEDOM` degrees of freedom.
+        """Return the scatter updated by repeated tests; the assumed share counts `ASSUMED_FREEDOM` degrees of freedom.
 
         Args:
             kind: of the values.
-            squares: sum of squares of relative differences from their means, less what repeatability explains.
-            freedom: its degrees of freedom; the share stays as it is without any, or where it was said.
+            squares: sum of squared relative differences from their means, less the part that repeatability explains.
+            freedom: its degrees of freedom; without any, or with a given share, the share does not change.
         """
         if not freedom or kind in self.said:
             return self
@@ -63,7 +62,7 @@ class Reproducibility:
     def covariance(self, values: Sequence[tuple[str, float]]) -> list[list[float]]:
         """Return the covariance of the values of one test.
 
-        With s the share and v the values of a kind, s^2 (c v v' + (1 - c) diag(v)^2), c being the common share.
+        For the values v of a kind: s^2 (c v v' + (1 - c) diag(v)^2), with the share s and the common share c.
 
         Args:
             values: kind and number of each.

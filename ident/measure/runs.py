@@ -1,4 +1,4 @@
-"""The table of runs: what each channel of each file measured while the arm moved, and how it moved."""
+"""The table of runs: the motion of each recording, and quantity, point and direction of each of its channels."""
 
 import hashlib
 import re
@@ -30,7 +30,7 @@ from ident.text import NAME, did_you_mean, one_line, quoted
 from ident.units import to_si
 
 QUANTITIES = {"displacement": "length", "velocity": "velocity", "acceleration": "acceleration"}
-"""What a channel may measure, by derivatives of a displacement."""
+"""Quantities that a channel may measure, in order of differentiation of a displacement."""
 COMMENTS = (
     "A row for each channel that counts: point (default: the end point), direction (x, -z, 0 0.6 -0.8), frame (base or",
     "body), unit (mm, m/s, m/s^2, g_0; or that of the file), sensitivity (numbers of the file for one unit); how the",
@@ -42,17 +42,18 @@ COMMENTS = (
     "direction are left out.",
 )
 RATE = 250.0
-"""Samples a second to which faster recordings are brought: what drives excite lies below 25 Hz."""
+"""Sampling rate [Hz] to which faster recordings are reduced: drives excite below 25 Hz."""
 MOST_ROWS = 100
-"""Traces at most: what the search holds of them takes some 20 MB each."""
+"""Traces at most: the search holds some 20 MB for each."""
 FASTEST = 200.0
 """Speed [%] at most: an override may exceed the file's full speed, a typing error exceeds it by more; assumed."""
 SLOWEST = 50.0
-"""Least samples a second: six of a vibration of 8 Hz."""
+"""Lowest sampling rate [Hz]: six samples per period at 8 Hz."""
 SHORTEST = 0.125
-"""Least duration [s] of a record: one period of a vibration of 8 Hz."""
+"""Least duration [s] of a record: one period at 8 Hz."""
 CLIPPED = 4
-"""Samples in a row at the largest value, and how many times those elsewhere, that count as clipped; assumed."""
+"""A run of equal samples at the extreme counts as clipped from this length, and from this multiple of the longest run
+elsewhere; assumed."""
 _PART = r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*([^\W\d_]+)"
 _TRIAL = re.compile(rf"{_PART}\s*@\s*({NAME})\s+{_PART}\s+{_PART}")
 """A mass on a drive, as `12 g @ drive2 40 mm 90 deg`."""
@@ -60,13 +61,13 @@ _TRIAL = re.compile(rf"{_PART}\s*@\s*({NAME})\s+{_PART}\s+{_PART}")
 
 @dataclass(frozen=True)
 class TrialMass:
-    """A mass that was added to a drive's pulley, to see what it does, or as a correction.
+    """A mass on a drive's pulley, for a trial run or as a balance correction.
 
     Attributes:
         drive: its name.
         mass: [kg]
         radius: [m] of its mass centre from the axis.
-        angle: [rad] about the joint's axis at joint angle 0, from where phases of imbalance count.
+        angle: [rad] about the joint's axis at joint angle 0, from the origin of the imbalance phases.
     """
 
     drive: str
@@ -101,16 +102,16 @@ class TrialMass:
 
 @dataclass(frozen=True, kw_only=True)
 class RunRow(RecordedChannel):
-    """What one channel measured during a run; without a point it is the end point.
+    """One channel during a run; without a point it is the end point.
 
     Attributes:
-        direction: (3,) [-] along which it counts.
+        direction: (3,) [-] of the measured motion.
         speed: [%] of full speed, or of a path's own; None for a path's own.
-        path: file of a log of the joints, beside the table; empty for the arm's stroke.
+        path: file of a joint log, in the table's folder; empty for the arm's stroke.
         retract: whether the stroke goes from unfolded to folded.
-        delay: [s] to add to the file's times, so that the motion, or the clock of its log, starts at 0.
-        group: runs of one group share the pulleys' angles; empty for one of its own.
-        trial: masses that were added to drives for this run.
+        delay: [s] added to the file's times, so that the motion, or the clock of its log, starts at 0.
+        group: runs of one group share the pulleys' angles; empty for a group of its own.
+        trial: masses on the drives during this run.
     """
 
     direction: Vector
@@ -123,7 +124,7 @@ class RunRow(RecordedChannel):
 
     @property
     def motion(self) -> tuple[Any, ...]:
-        """How the arm moved: what all rows of a file must have in common."""
+        """The arm's motion, which all rows of a file must share."""
         return self.speed, self.path, self.retract, self.load, self.delay, self.group, self.trial
 
 
@@ -154,7 +155,7 @@ HEAD = tuple(f"{rule.name} [{rule.unit}]" if rule.unit else rule.name for rule i
 
 @dataclass(frozen=True)
 class Trace:
-    """What a channel measured, in SI.
+    """Samples of a channel, in SI.
 
     Attributes:
         row: of the table.
@@ -178,7 +179,7 @@ class Runs:
         sha256: hash of its bytes.
         traces: in the order of the table.
         files: the recordings and logs, by name.
-        notes: what is to be said of them.
+        notes: remarks on them.
     """
 
     path: str
@@ -193,7 +194,7 @@ class Runs:
 
     @property
     def name(self) -> str:
-        """What the table's file is called, without its end."""
+        """Name of the table's file, without its ending."""
         return Path(self.path).stem
 
     @property
@@ -206,7 +207,7 @@ def read_runs(path: str | Path) -> Runs:
     """Read a table of runs and the recordings that it names.
 
     Raises:
-        InputError: a file can't be read, or something is wrong in one; every problem is listed.
+        InputError: a file is unreadable or has errors; all are listed.
     """
     data, findings = read_table(path), Findings()
     rows = _rows(data, path)
@@ -224,10 +225,10 @@ def read_runs(path: str | Path) -> Runs:
 
 
 def planned_runs(path: str | Path) -> Runs:
-    """Read a table of runs that are not measured yet: each trace is two zeros, a second apart.
+    """Read a table of planned runs: each trace is two zeros, a second apart.
 
     Raises:
-        InputError: the table or a log of the joints can't be read, or something is wrong in it, a unit missing too.
+        InputError: the table or a joint log is unreadable or has errors, such as a missing unit.
     """
     data, findings = read_table(path), Findings()
     rows = _rows(data, path)
@@ -240,7 +241,7 @@ def planned_runs(path: str | Path) -> Runs:
 
 
 def _logs(rows: list[RunRow], folder: Path, findings: Findings) -> Iterator[tuple[str, SourceFile]]:
-    """Yield the logs of the joints by name."""
+    """Yield the joint logs by name."""
     for name in dict.fromkeys(row.path for row in rows if row.path):
         data = findings.attempt(name, "", read_table, folder / name)
         if data is not None:
@@ -265,7 +266,7 @@ def _rows(data: bytes, path: str | Path) -> list[RunRow]:
 
 
 def _row(row: Row) -> RunRow | None:
-    """Return what a row says; None where something is wrong with it."""
+    """Return the run row; None if it has an error."""
     said = row.values(RULES)
     said["retract"] = said["retract"] == "yes"
     del said["note"]
@@ -273,7 +274,7 @@ def _row(row: Row) -> RunRow | None:
 
 
 def _unequal(rows: list[RunRow]) -> Iterator[Problem]:
-    """Yield rows that say of one file another motion than the first, or speak of a channel twice."""
+    """Yield rows whose motion differs from that of the file's first row, or that repeat a channel."""
     first: dict[str, RunRow] = {}
     seen: set[tuple[str, str]] = set()
     for row in rows:
@@ -292,10 +293,10 @@ def _unequal(rows: list[RunRow]) -> Iterator[Problem]:
 
 
 def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
-    """Return what a row's channel measured, in SI, at `RATE` at most.
+    """Return the samples of a row's channel, in SI, at `RATE` at most.
 
     Raises:
-        InputError: it is not there, has no unit or clock, gaps, clipped samples, or too few a second.
+        InputError: the channel is missing, has no unit or clock, gaps, clipped samples, or too low a rate.
     """
     channel = channels.get(row.channel)
     if channel is None:
@@ -316,7 +317,7 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
 
 
 def _check_record(values: Float[np.ndarray, "T"], step: float, file: str) -> None:
-    """Refuse what no record can be; only the first is said, as others may follow from it."""
+    """Refuse an impossible record; report only the first problem, as it may cause others."""
     rate, duration, missing = 1 / step, len(values) * step, np.count_nonzero(~np.isfinite(values))
     remedy = "cut the record, or export it again"
     require(not missing, "", f"{missing} samples missing", "a record without gaps", remedy, "channel")
@@ -333,16 +334,16 @@ def _check_record(values: Float[np.ndarray, "T"], step: float, file: str) -> Non
 
 
 def _measured(row: RunRow, unit: str) -> tuple[int, float]:
-    """Return how often the displacement is derived, and SI units per number of the file."""
+    """Return the order of differentiation of the displacement, and SI units per number of the file."""
     quantities = tuple(QUANTITIES.values())
     quantity, factor = row.scale(unit, quantities, "a motion", "mm, m/s, m/s^2 or g_0")
     return quantities.index(quantity), factor
 
 
 def _clipped(values: Float[np.ndarray, "T"]) -> int:
-    """Return how many samples in a row are at the largest or least value, where elsewhere fewer are alike; else 0.
+    """Return the longest run of samples at the largest or least value if it counts as clipped, otherwise 0.
 
-    Coarse digits repeat everywhere, and at a peak somewhat more often.
+    Coarse digits repeat everywhere, and somewhat more often at a peak.
     """
     ends = np.flatnonzero(np.diff(values) != 0)
     starts, lengths = np.append(0, ends + 1), np.diff(np.concatenate([[-1], ends, [len(values) - 1]]))
@@ -352,7 +353,7 @@ def _clipped(values: Float[np.ndarray, "T"]) -> int:
 
 
 def _slower(values: Float[np.ndarray, "T"], step: float) -> tuple[Float[np.ndarray, "S"], float]:
-    """Return samples of at most `RATE` a second, behind a filter against aliasing, and their step [s]."""
+    """Return samples at `RATE` [Hz] at most, after an anti-aliasing filter, and their step [s]."""
     from scipy.signal import resample_poly
 
     down = int(np.ceil(1 / (step * RATE) - 1e-9))
@@ -360,10 +361,10 @@ def _slower(values: Float[np.ndarray, "T"], step: float) -> tuple[Float[np.ndarr
 
 
 def write_runs(folder: str | Path, path: str | Path) -> int:
-    """Write a table to fill in of the recordings of a folder, and return how many channels it has.
+    """Write a table of a folder's recordings to fill in, and return its number of channels.
 
     Raises:
-        InputError: no recordings, or a file of that name, which is not overwritten.
+        InputError: no recordings, or the file exists already.
     """
     check_new(Path(path), "move it away, or name another")
     recordings = recordings_of(Path(folder))

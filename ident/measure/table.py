@@ -19,9 +19,9 @@ from ident.text import LARGEST_TEXT, decode, one_line, quoted, read_bytes
 # An Excel sheet (`.xlsx`) as the text of a CSV file, row by row, so that all checks and row numbers are the same.
 
 LARGEST = 500_000_000
-"""Bytes that the unpacked sheets may have: more is no campaign."""
+"""Bytes of the unpacked sheets at most: a campaign has fewer."""
 FAILED = ("#N/A", "#REF!", "#VALUE!", "#DIV/0!", "#NAME?", "#NUM!", "#NULL!")
-"""What a spreadsheet program stores as the value of a formula that failed."""
+"""Values that spreadsheet programs store for failed formulas."""
 EXPECTED = "a table as CSV or Excel sheet (.xlsx)"
 
 
@@ -29,7 +29,7 @@ def sheet_text(data: bytes, file: str) -> str:
     """Return the first sheet as CSV with commas, one line a row; `file` names it in errors.
 
     Raises:
-        InputError: no Excel sheet, one too large, formulas that were never computed, or openpyxl is not installed.
+        InputError: not an Excel sheet, too large, formulas without a computed value, or openpyxl is not installed.
     """
     try:
         from openpyxl import load_workbook
@@ -52,22 +52,22 @@ def sheet_text(data: bytes, file: str) -> str:
     _check_formulas(values, formulas, file)
     lines = [[_written(value) for value in row] for row in values]
     for cells in lines:
-        while cells and not cells[-1]:  # empty ones at the end of a row
+        while cells and not cells[-1]:  # empty cells at the end of a row
             cells.pop()
     width = next((len(cells) for cells in lines if cells and not cells[0].startswith("#")), 0)
     text = io.StringIO()
     for cells in lines:
         if cells and not cells[0].startswith("#"):
             csv.writer(text, lineterminator="\n").writerow([*cells, *[""] * (width - len(cells))])
-        else:  # a comment stays one, and an empty row is an empty line
+        else:  # a comment stays a comment, and an empty row becomes an empty line
             text.write(" ".join(filter(None, cells)) + "\n")
     return text.getvalue()
 
 
 def _rows(book: Any) -> list[tuple[Any, ...]]:
-    """Return the cells of the first sheet, empty rows at its end left out."""
+    """Return the cells of the first sheet, without empty rows at its end."""
     sheet = book.worksheets[0]
-    sheet.reset_dimensions()  # what the file says of its size may be anything
+    sheet.reset_dimensions()  # the file's own size entry is unreliable
     rows = [tuple(row) for row in sheet.iter_rows(values_only=True)]
     while rows and all(cell is None for cell in rows[-1]):
         rows.pop()
@@ -75,10 +75,10 @@ def _rows(book: Any) -> list[tuple[Any, ...]]:
 
 
 def _check_formulas(values: list[tuple[Any, ...]], formulas: list[tuple[Any, ...]], file: str) -> None:
-    """Refuse formulas that failed, and those whose value no spreadsheet program has stored.
+    """Refuse failed formulas, and those without a stored value.
 
     Raises:
-        InputError: with the row of each.
+        InputError: there are some; each with its row.
     """
     problems = []
     for number, (row, known) in enumerate(zip_longest(formulas, values, fillvalue=()), 1):
@@ -107,7 +107,7 @@ T = TypeVar("T")
 Key = TypeVar("Key", bound=Hashable)
 
 DELIMITERS = ",;\t"
-"""Column delimiters that are recognised."""
+"""Recognised column delimiters."""
 
 FOREIGN = {
     **dict.fromkeys((".xlsm", ".xls", ".xlsb", ".ods"), "a spreadsheet"),
@@ -116,11 +116,11 @@ FOREIGN = {
     **dict.fromkeys((".json", ".html", ".pdf", ".png"), "no table"),
     **dict.fromkeys((".toml", ".urdf", ".xml"), "an arm description"),
 }
-"""What a file is by its ending, if that is no table."""
+"""Kinds of files other than tables, by ending."""
 
 _FORMULA = re.compile(r"""(^|[;,\t\r\n])(?=[\s'"]*[=+\-@])""")
 _GUARDED = re.compile(r"""(^|[;,\t\r\n])'(?=[\s'"]*[=+\-@])""")
-"""Where a cell, or a part of it, begins that a spreadsheet program would compute; and where that is prevented."""
+"""Starts of cells, or parts of cells, that a spreadsheet program would compute; and guarded ones."""
 _DECIMAL_MARK = re.compile(r"(?<![\w.,])[+-]?[0-9]*([.,])[0-9]")
 
 Record = tuple[str, list[str]]
@@ -128,10 +128,10 @@ Record = tuple[str, list[str]]
 
 
 class Findings(list[Problem]):
-    """The problems that were found so far; reading goes on, so that all are reported."""
+    """Problems collected while reading goes on, so that all are reported."""
 
     def attempt(self, where: str, column: str, read: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T | None:
-        """Return what `read` returns, or None where it raises InputError, whose problems are noted."""
+        """Return the result of `read`; on InputError note its problems and return None."""
         try:
             return read(*args, **kwargs)
         except InputError as error:
@@ -140,7 +140,7 @@ class Findings(list[Problem]):
 
 
 def grouped(items: Iterable[T], key: Callable[[T], Key]) -> dict[Key, list[T]]:
-    """Return items by what they have in common, in their order."""
+    """Return items grouped by their key, in their order."""
     groups: dict[Key, list[T]] = {}
     for item in items:
         groups.setdefault(key(item), []).append(item)
@@ -151,8 +151,8 @@ def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
     """Return the bytes of a CSV file, or of an Excel sheet (`.xlsx`).
 
     Raises:
-        InputError: there is no such file, it cannot be read or has more bytes than `largest`, or its ending says that
-            it is another kind of file.
+        InputError: the file is missing, unreadable or larger than `largest` bytes, or its ending is that of another
+            kind of file.
     """
     kind = FOREIGN.get(Path(path).suffix.lower(), "")
     sheet = " or .xlsx" if kind == FOREIGN[".xls"] else ""
@@ -165,19 +165,19 @@ def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
 def records_of(
     data: bytes | str, path: str | Path, is_column: Callable[[str], bool], findings: Findings, *needed: str
 ) -> tuple[str, str, list[Record]]:
-    """Return a table's name for messages, its delimiter and its records; what is no record is noted.
+    """Return a table's name for messages, its delimiter and its records; note malformed records.
 
-    A header may stand behind # or %, as NumPy and MATLAB write it.
+    A header may follow # or %, as NumPy and MATLAB write it.
 
     Args:
         data: the bytes of the file: CSV, or an `.xlsx` file, whose first sheet counts; or the text of a CSV file.
         path: names it.
-        is_column: whether a column may have a name, by which the delimiter is found.
-        findings: where problems are put.
-        needed: what the rows below the header are for, and what to do where there are none; nothing if that is fine.
+        is_column: whether a name may be that of a column; decides on the delimiter.
+        findings: takes the problems.
+        needed: expectation and remedy for a table without rows; nothing if no rows are fine.
 
     Raises:
-        InputError: it is no text, has numbers without a header, or too few rows.
+        InputError: not a text, numbers without a header, or too few rows.
     """
     file = one_line(str(path))
     if isinstance(data, bytes):
@@ -197,7 +197,7 @@ def records_of(
 
 
 def _uncommented(text: str) -> str:
-    """Return text with a header that stands behind # or % above numbers, in as many columns, in the clear."""
+    """Return the text with # or % removed from a header directly above numbers in as many columns."""
     at, start, marked, line = 0, 0, "", ""
     for line in io.StringIO(text, newline=""):
         if line.lstrip().startswith(("#", "%")):
@@ -213,33 +213,33 @@ def _uncommented(text: str) -> str:
 
 
 def _is_numeric(line: str) -> bool:
-    """Tell whether a line has numbers only."""
+    """Whether a line has numbers only."""
     cells = [cell for cell in re.split(r'[,;\s"]+', line) if cell]
     return bool(cells) and all(map(IS_NUMBER, cells))
 
 
 def fitting(records: list[Record], columns: int, delimiter: str, findings: Findings) -> list[Record]:
-    """Return the rows with as many cells as the header; the others are noted."""
+    """Return the rows with as many cells as the header, and note the others."""
     findings += [misfit(where, len(cells), columns, delimiter) for where, cells in records if len(cells) != columns]
     return [(where, cells) for where, cells in records if len(cells) == columns]
 
 
 def doubled(where: str, names: Sequence[str]) -> Iterator[Problem]:
-    """Yield the columns that a header has twice."""
+    """Yield the duplicate columns of a header."""
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield Problem(where, "the column twice", "it once", "remove or rename one", name)
 
 
 def name_and_unit(cell: str) -> tuple[str, str]:
-    """Split a header cell `name [unit]`; the unit is empty where there is none."""
+    """Split a header cell `name [unit]`; the unit may be empty."""
     match = re.fullmatch(r"([^\[\]]*?)\s*(?:\[([^\]]*)\])?", cell)
     return (match[1], (match[2] or "").strip()) if match else (cell, "")
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]], comments: Iterable[str] = ()) -> str:
-    """Return rows as CSV under their columns, below comments; cells of other columns are left out.
+    """Return rows as CSV under their columns, below comments, without cells of other columns.
 
-    Names come from files of others: no cell is left as a formula.
+    Names come from files of others, so no cell may stay a formula.
     """
     text = io.StringIO()
     text.writelines(f"# {one_line(line)}".rstrip() + "\n" for line in comments)
@@ -250,22 +250,22 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]], comments
 
 
 def guarded(cell: str) -> str:
-    """Return a cell that no spreadsheet program takes for a formula, also where it splits it at another delimiter.
+    """Return a cell that no spreadsheet program takes for a formula, even if it splits it at another delimiter.
 
-    An apostrophe stands before what it would compute, but numbers and directions; `read_records` removes it.
+    An apostrophe goes before anything it would compute, except numbers and directions; `read_records` removes it.
     """
     return cell if re.fullmatch(rf"{NUMBER}|[+-][xyz]", cell) else _FORMULA.sub(r"\1'", cell)
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:
-    """Return the delimiter that splits the header line into most columns."""
+    """Return the delimiter that splits the header line into the most columns."""
     header = next((line for _, line, _ in _content_lines(text)), "")
     cells = {mark: [name.strip(' "\t\r\n') for name in header.split(mark)] for mark in DELIMITERS}
     return max(DELIMITERS, key=lambda mark: (sum(map(is_column, cells[mark])), len(cells[mark])))
 
 
 def read_records(text: str, delimiter: str, file: str, findings: Findings) -> Iterator[Record]:
-    """Yield the header and the rows; what is no well-formed CSV is noted and left out."""
+    """Yield the header and the rows; note and skip malformed CSV."""
     for number, line, following in _content_lines(text):
         where = f"{file}:{number}"
         reader = csv.reader(chain([line], following), delimiter=delimiter, skipinitialspace=True, strict=True)
@@ -278,7 +278,7 @@ def read_records(text: str, delimiter: str, file: str, findings: Findings) -> It
 
 
 def misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
-    """Return the problem of a row that has more or fewer fields than the header."""
+    """Return the problem of a row with more or fewer fields than the header."""
     remedy = "quote text that contains the delimiter, and keep a delimiter for every empty cell"
     if delimiter == "," and fields > columns:
         remedy = "if these are decimal commas, write decimal points or separate the columns by semicolons"
@@ -286,7 +286,7 @@ def misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
 
 
 def decimal_mark(delimiter: str, numbers: Iterable[str]) -> str:
-    """Return the mark that most numbers have; numbers with the other one are refused when they are read."""
+    """Return the mark of most numbers; numbers with the other one are refused on reading."""
     if delimiter == ",":
         return "."
     marks = Counter(mark for number in numbers for mark in _DECIMAL_MARK.findall(number))
@@ -294,7 +294,7 @@ def decimal_mark(delimiter: str, numbers: Iterable[str]) -> str:
 
 
 def _content_lines(text: str) -> Iterator[tuple[int, str, Iterator[str]]]:
-    """Yield number and text of each line that starts a record, and the lines that may continue it."""
+    """Yield number and text of each line that starts a record, and its possible continuation lines."""
     numbered = enumerate(io.StringIO(text, newline=""), start=1)
     following = (line for _, line in numbered)
     for number, line in numbered:
@@ -303,10 +303,10 @@ def _content_lines(text: str) -> Iterator[tuple[int, str, Iterator[str]]]:
 
 
 # -------- Text
-# One cell of text, read as a number.
+# Read one cell of text as a number.
 
 BARE = 0.2
-"""Fraction of a frequency from which, without a sign, percent is meant: 0.5 for 0.5 %; assumed."""
+"""Fraction of a frequency from which a number without % sign means percent: 0.5 for 0.5 %; assumed."""
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 """Regular expression of a plain number with a decimal point."""
 IS_NUMBER = re.compile(rf"{NUMBER}|[+-]?(?:nan|inf|infinity)", re.IGNORECASE).fullmatch
@@ -314,7 +314,7 @@ IS_NUMBER = re.compile(rf"{NUMBER}|[+-]?(?:nan|inf|infinity)", re.IGNORECASE).fu
 
 
 def format_number(value: float) -> str:
-    """Write a number with all its digits and no idle `.0`; reading it back gives the same float."""
+    """Write a number with all its digits and no trailing `.0`; it reads back as the same float."""
     return repr(float(value)).removesuffix(".0")
 
 
@@ -323,7 +323,7 @@ def parse_number(text: str, decimal: str = ".") -> float:
 
     Args:
         text: the number as written, without blanks around it.
-        decimal: the decimal mark in use, `.` or `,`; the other mark is refused, never skipped.
+        decimal: the decimal mark in use, `.` or `,`; the other mark is refused.
 
     Returns:
         The number.
@@ -348,7 +348,7 @@ def parse_fraction(text: str, decimal: str = ".", kind: str = "") -> float:
 
 
 def _not_a_number(text: str, decimal: str) -> tuple[str, str]:
-    """Return what was expected, and what to do."""
+    """Return expectation and remedy."""
     if text.lower().lstrip("+-") in ("nan", "inf", "infinity"):
         return "a finite number", "give the number or delete the row"
     if not text:

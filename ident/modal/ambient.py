@@ -23,12 +23,12 @@ from ident.modal.test_files import Record, ambient_files, records
 from ident.text import one_line, quoted
 
 # -------- Correlations
-# How responses are correlated over time, block by block: all that is needed of an ambient record.
+# Correlation functions of responses, block by block: a sufficient summary of an ambient record.
 
 
 @dataclass(frozen=True)
 class Correlations:
-    """Correlation functions of responses with references, a part of each block of the record.
+    """Correlation functions of responses with references, one term for each block of the record.
 
     R(k) = sum over t of y(t + k) y_ref(t)', t within the block; its sum over blocks is that of the record.
 
@@ -57,7 +57,7 @@ class Correlations:
         return np.delete(self.blocks, block, 0).sum(0) / np.delete(self.samples, block).sum()
 
     def joined(self, count: int) -> "Correlations":
-        """Return the same with neighbouring blocks joined, `count` of them in all."""
+        """Return the same with neighbouring blocks joined to `count` blocks."""
         starts = np.unique(np.linspace(0, len(self.blocks), count + 1).astype(int))[:-1]
         return replace(self, blocks=np.add.reduceat(self.blocks, starts), samples=np.add.reduceat(self.samples, starts))
 
@@ -69,7 +69,7 @@ def correlations_of(
 
     Args:
         records: of the same channels, without their mean.
-        references: (R,) rows of the responses that the others are correlated with.
+        references: (R,) indices of the reference responses.
         step: [s] between samples.
         lags: K.
         length: samples of a block, at least.
@@ -91,27 +91,27 @@ def correlations_of(
 
 
 # -------- Harmonics
-# Lines of what turns during a test, at known speeds: found, taken out of the records, and named.
+# Harmonics of parts that turn at known speeds: find them, remove them from the records, and name them.
 
 MULTIPLES = 10
-"""Multiples of a speed at which lines are sought."""
+"""Number of multiples of a speed at which to search for lines."""
 SPEED_SLIP = 0.01
-"""How far a speed may be from what is said, as a share; assumed."""
+"""Largest relative error of a given speed; assumed."""
 NOISE_CHANCE = 1e-10
-"""Chance of noise alone to stand out so far, at one frequency; assumed."""
+"""False-alarm probability of a line by noise alone, at one frequency; assumed."""
 NARROW, ABOUT = 2.5, 24.0
-"""A line is that narrow, and what lies about it that wide to either side, in reciprocals of the duration."""
+"""Half width of a line, and of its surroundings, in reciprocals of the duration."""
 
 
 @dataclass(frozen=True)
 class Harmonic:
-    """A line of something that turns.
+    """A line of a turning part.
 
     Attributes:
-        name: of what turns.
+        name: of the turning part.
         multiple: of its speed.
-        frequency: [Hz] where the line is.
-        share: [-] of the power of the response in which it is strongest.
+        frequency: [Hz] of the line.
+        share: [-] of the power of the response with the strongest line.
         response: number of that response.
     """
 
@@ -126,25 +126,25 @@ class Harmonic:
 
 
 def times(multiple: int) -> str:
-    """Return how often, in words; empty for once."""
+    """Return a multiple in words; empty for one."""
     return f"{multiple} x " if multiple > 1 else ""
 
 
 def without_harmonics(
     record: Float[np.ndarray, "O T"], step: float, speeds: Sequence[Speed], band: tuple[float, float]
 ) -> tuple[Float[np.ndarray, "O T"], tuple[Harmonic, ...]]:
-    """Return a record without the lines of what turns, and the lines that it had.
+    """Return a record without the lines of turning parts, and the removed lines.
 
-    At each multiple of a speed within the band, and at the mains, the record's spectrum is searched for a line: power
-    that stands out of what lies close about it, where a resonance is smooth. Such a line is a sine of constant
-    frequency whose amplitude grows linearly; it is subtracted by least squares, which takes no more of a mode than
-    what lies within the reciprocal of the record's duration.
+    Searches the record's spectrum for a line at each multiple of a speed within the band, and at the mains: power above
+    its close surroundings, where a resonance is smooth. The line is modelled as a sine of constant frequency and
+    linearly changing amplitude. Least squares subtracts it, and removes no more of a mode than its content within the
+    reciprocal of the record's duration.
 
     Args:
         record: responses, without their mean.
         step: [s] between samples.
-        speeds: what turns.
-        band: [Hz] in which lines are sought.
+        speeds: turning parts and their speeds.
+        band: [Hz] of the search for lines.
 
     References:
         Peeters, Cornelis, Janssens, Van der Auweraer, "Removing disturbing harmonics in operational modal analysis",
@@ -167,7 +167,7 @@ def without_harmonics(
 
 
 def turning(speeds: Sequence[Speed], frequency: float) -> str:
-    """Return what turns at a frequency [Hz], or at a part of it; empty for nothing."""
+    """Return the part that turns at a frequency [Hz], or at a fraction of it; empty if none does."""
     pairs = [(speed, multiple) for speed in speeds for multiple in range(1, MULTIPLES + 1)]
     apart = [abs(speed.frequency * multiple / frequency - 1) for speed, multiple in pairs]
     if min(apart, default=1.0) > SPEED_SLIP:
@@ -192,21 +192,21 @@ class _Spectrum:
         return cls(np.fft.rfftfreq(count, step), power, 1 / (samples * step))
 
     def line(self, low: float, high: float) -> float | None:
-        """Return where the line that stands out most is between two frequencies; None where none does."""
+        """Return the frequency of the most prominent line between two frequencies; None if there is no line."""
         level = chdtri(2, NOISE_CHANCE) / chdtri(2, 0.5)
         at = np.flatnonzero((self.frequency >= low) & (self.frequency <= high))
         best = max((int(at[each.argmax()]) for each in self.power[:, at]), key=self._stands_out, default=None)
         return float(self.frequency[best]) if best is not None and self._stands_out(best) > level else None
 
     def _stands_out(self, i: int) -> float:
-        """Return the largest power at a line over the median of what lies about it."""
+        """Return the largest power at a line over the median of its surroundings."""
         apart = np.abs(self.frequency - self.frequency[i]) / self.resolution
         about = (apart > NARROW) & (apart < ABOUT)
         return float((self.power[:, i] / np.median(self.power[:, about], axis=1)).max())
 
 
 def _refined(record: np.ndarray, step: float, rough: float, resolution: float) -> float:
-    """Return the frequency at which a sine takes most of a record."""
+    """Return the frequency at which a sine explains most of a record."""
     ends = rough - resolution, rough + resolution
 
     def taken(frequency: float) -> float:
@@ -216,7 +216,7 @@ def _refined(record: np.ndarray, step: float, rough: float, resolution: float) -
 
 
 def _sine(record: np.ndarray, step: float, frequency: float) -> Float[np.ndarray, "O T"]:
-    """Return the sine, of linearly changing amplitude and phase, that is nearest to each response."""
+    """Return the least-squares sine of linearly changing amplitude and phase for each response."""
     time = np.linspace(-1.0, 1.0, record.shape[1])
     turn = 2 * np.pi * frequency * step * np.arange(record.shape[1])
     basis = np.array([np.cos(turn), np.sin(turn), time * np.cos(turn), time * np.sin(turn)])
@@ -225,7 +225,7 @@ def _sine(record: np.ndarray, step: float, frequency: float) -> Float[np.ndarray
 
 
 # -------- Ambient test
-# What an ambient test is, as a value: responses to forces that nobody measured.
+# An ambient test as a value: responses to unmeasured forces.
 
 
 @dataclass(frozen=True)
@@ -243,19 +243,19 @@ class SpectralDensity:
 
 @dataclass(frozen=True)
 class AmbientTest(HeldArm):
-    """What was recorded at one posture under one load, without a force.
+    """Ambient test at one posture under one load, without a measured force.
 
     Attributes:
-        responses: (O,) where and along what was measured.
-        references: rows of the responses with which all are correlated.
-        scale: (O,) [SI] by which responses are divided: their standard deviations.
-        order: (O,) how often each is differentiated to give an acceleration.
-        band: [Hz] in which modes are sought.
+        responses: (O,) point and direction of each response.
+        references: indices of the reference responses.
+        scale: (O,) [SI] divisor of each response: its standard deviation.
+        order: (O,) number of differentiations of each to an acceleration.
+        band: [Hz] of the search for modes.
         correlations: of the scaled responses, without harmonics.
         density: of the scaled responses, harmonics included.
-        speeds: what turned.
-        harmonics: lines that were taken out.
-        remarks: what else a reader should know.
+        speeds: turning parts and their speeds.
+        harmonics: removed lines.
+        remarks: other remarks for the report.
     """
 
     responses: tuple[Place, ...]
@@ -273,21 +273,21 @@ class AmbientTest(HeldArm):
 # -------- Ambient
 
 LOWEST = 1.0
-"""Frequency [Hz] from which on modes are sought, unless a band is given."""
+"""Default lower limit [Hz] of the search for modes."""
 OVERSAMPLED = 4.0
-"""Sampling rate by the highest frequency of the band, unless one is given: a filter pulls poles near its edge."""
+"""Default sampling rate over the highest frequency of the band: a filter shifts poles near its edge."""
 ROWS = 50
 """Block rows of the Hankel matrix: half the lags."""
 BLOCKS = 120
-"""Blocks of a record at most, which are joined later."""
+"""Most blocks of a record; they are joined later."""
 FEWEST = 20
-"""Blocks of twice the lags that a record has at least."""
+"""Least length of a record, in blocks of twice the lags."""
 SEGMENTS = 40
-"""Segments of a record, of half their length apart, whose spectra are averaged."""
+"""Number of averaged segments of a record, with an overlap of half their length."""
 
 
 def ambient_tests(records: Sequence[Record], processing: Processing) -> tuple[AmbientTest, ...]:
-    """Return the tests that records make, one for each posture, load and state of the drives.
+    """Return the tests of records, one for each posture, load and state of the drives.
 
     Raises:
         InputError: records too short, of different channels, rates or references at one posture.
@@ -329,7 +329,7 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
 
 
 def _parts(record: Record, factor: int) -> Iterator[np.ndarray]:
-    """Yield the blocks of a record (O, T) without trend, sampled more slowly by a factor."""
+    """Yield the blocks of a record (O, T) without trend, downsampled by a factor."""
     for number, block in enumerate(zip(*(each.values for each in record.responses), strict=True)):
         values = detrend(np.array(block))
         late = np.array([0.0 if each.late is None else each.late[number] for each in record.responses])
@@ -338,10 +338,10 @@ def _parts(record: Record, factor: int) -> Iterator[np.ndarray]:
 
 
 def _delayed(values: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Return channels (O, T) that are later by shares (O,) of a step, by the phases of their spectra.
+    """Return channels (O, T) delayed by fractions (O,) of a step, by the phases of their spectra.
 
-    A spectrum takes what it transforms for periodic. The record less the line between its ends, followed by its mirror
-    image of opposite sign, is periodic without a jump in value or slope.
+    A spectrum implies a periodic signal. The record minus the line between its ends, followed by its mirror image of
+    opposite sign, is periodic without a jump in value or slope.
     """
     count = values.shape[1]
     slope = (values[:, -1:] - values[:, :1]) / (count - 1)
@@ -353,7 +353,7 @@ def _delayed(values: np.ndarray, delay: np.ndarray) -> np.ndarray:
 
 
 def _check_alike(record: Record, first: Record) -> None:
-    """Refuse a file that measured something else than the first one of its posture."""
+    """Refuse a file whose channels differ from those of the first file of its posture."""
     where, remedy = one_line(record.file), "measure all of a posture at one time"
     places = ([each.place for each in own.responses] for own in (record, first))
     for name, (own, other) in (("responses", places), ("references", (record.references, first.references))):
@@ -386,7 +386,7 @@ def _remarks(group: Iterable[Record], harmonics: Sequence[Harmonic]) -> Iterator
 
 
 # -------- Measured
-# The tests of a channel table, one for each posture and load: ambient ones where no force was measured.
+# The tests of a channel table, one for each posture and load: ambient tests where no force was measured.
 
 
 def measured_tests(
@@ -394,7 +394,7 @@ def measured_tests(
 ) -> tuple[ModalTest | AmbientTest, ...]:
     """Return the tests of a channel table, one for each posture, load and state of the drives.
 
-    A posture of which no file has a force was shaken by what is about it: an ambient test.
+    A posture without a force in any file was excited by its surroundings: an ambient test.
 
     Args:
         table: with directions in the base frame.
@@ -402,7 +402,7 @@ def measured_tests(
         processing: windows, estimator and band.
 
     Raises:
-        InputError: see `ident.modal.test_files`; a record that is too short or without a hit.
+        InputError: see `ident.modal.test_files`; also a record that is too short or has no hit.
     """
     ambient = ambient_files(table, recordings)
     quiet = {name: each for name, each in recordings.items() if name in ambient}

@@ -1,4 +1,4 @@
-"""Which measured shape is which computed one: probabilities of all pairs, over draws of what computed them."""
+"""Match measured shapes to computed ones: probabilities of all pairs, over draws of the model."""
 
 import math
 
@@ -9,15 +9,15 @@ from scipy.linalg import solve_triangular
 from scipy.special import gammaln, logsumexp
 
 INEXACT = 0.15
-"""How far a computed shape is off, as a share of its length: places, directions, what the model leaves out; assumed."""
+"""Relative error of a computed shape, from sensor places, directions, and model simplifications; assumed."""
 COUPLING = 0.05
-"""How far squared frequencies are off, as a share: it mixes the shapes of modes that are near each other; assumed."""
+"""Relative error of squared frequencies, which mixes the shapes of close modes; assumed."""
 NODES = 9
-"""Tangents of angles at which mixed shapes are computed."""
+"""Number of mixing angles at which mixed shapes are computed."""
 UNSEEN = 0.05
 """Probability that a test does not show a mode within its band; assumed."""
 NONE = 0.02
-"""Probability that a measured mode is none of the computed ones, before its shape is seen; assumed."""
+"""Prior probability that a measured mode is none of the computed ones; assumed."""
 
 
 def likelihoods(
@@ -28,22 +28,22 @@ def likelihoods(
     measured: float,
     frequency_sd: float,
 ) -> Float[np.ndarray, "D m"]:
-    """Return ln(likelihood of a measured shape) for each computed one, over that of a shape of no mode.
+    """Return the log-likelihood ratio of a measured shape: each computed shape against no mode.
 
-    The measured shape is a multiple c of the computed one, c complex and of any size, with its own covariance and an
-    inexactness of the computed one. A small error of the model mixes modes that are near each other: the computed shape
-    is turned towards that of its neighbour by an angle of unknown tangent, normal with standard deviation
-    kappa = COUPLING w_a w_b / |w_a^2 - w_b^2|, at most one. So modes that nearly coincide are compared as the plane
-    that they span, within which the nearer one is the more probable; modes far apart as they are. A shape of no mode
-    has any direction alike.
+    The measured shape is a multiple c of the computed one, c complex and of any size, with its own covariance and a
+    model error of the computed shape. A small model error mixes close modes: the computed shape is turned towards that
+    of its neighbour by an angle of unknown tangent, normal with standard deviation
+    kappa = COUPLING w_a w_b / |w_a^2 - w_b^2|, at most one. So nearly coincident modes are compared as the plane that
+    they span, in which the closer one is more probable; distant modes are compared individually. For no mode, all
+    directions of the shape are equally probable.
 
     Args:
         shape: of the measured mode.
-        covariance: its own, real parts first.
-        computed: shapes at the same places, mass-normalised, of D draws of what computes them.
+        covariance: of the measured shape, real parts first.
+        computed: mass-normalised shapes at the same places, of D draws of the model.
         frequency: [Hz] of the computed modes.
-        measured: [Hz] of the measured one.
-        frequency_sd: how far computed frequencies are off beyond their draws, in ln.
+        measured: [Hz] of the measured mode.
+        frequency_sd: model error of the frequencies beyond the draws, in ln.
 
     References:
         Fox, Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6, 1968 (mixing).
@@ -58,14 +58,14 @@ def likelihoods(
     moved = np.linalg.norm(turned, axis=0)
     turned = np.where(moved > 0, turned, 1.0) / np.where(moved > 0, moved, 1.0)
     logs = _log_density(np.concatenate([unit.real, unit.imag]), S, turned.reshape(outputs, -1))
-    seen = np.where(moved > 0, logs.reshape(moved.shape), -np.inf)  # what does not move there is not measured there
+    seen = np.where(moved > 0, logs.reshape(moved.shape), -np.inf)  # a mode without motion there is not measured
     mixed = logsumexp(seen, 0, b=weights[:, None, None] / weights.sum())
     found = mixed - (gammaln(outputs) - (outputs - 1) * math.log(math.pi))
     return (found - (np.log(frequency / measured) / frequency_sd) ** 2 / 2).T
 
 
 def _neighbours(frequency: Float[np.ndarray, "m D"]) -> tuple[Int[np.ndarray, "m D"], Float[np.ndarray, "m D"]]:
-    """Return the mode that each mixes with most, and by how much."""
+    """Return the mode with which each mixes most, and the mixing coefficient."""
     gap = np.abs(frequency[:, None] ** 2 - frequency**2)
     product = frequency[:, None] * frequency * (1 - np.eye(len(frequency)))[..., None]
     kappa = np.minimum(COUPLING * product / np.maximum(gap, COUPLING * np.maximum(product, 1e-300)), 1.0)
@@ -78,7 +78,7 @@ def _log_density(
 ) -> Float[np.ndarray, "n"]:
     """Return ln of the integral over c of the normal density of y about c times each shape, with covariance S.
 
-    y has real parts first. What is left of it lies beside the plane that the two parts of c span: by Gram and Schmidt.
+    y has real parts first. Its residual is orthogonal to the plane spanned by the two parts of c (Gram-Schmidt).
     """
     factor, outputs = np.linalg.cholesky(S), len(shapes)
     inverse = solve_triangular(factor, np.eye(len(S)), lower=True)
@@ -98,11 +98,12 @@ def pair_probabilities(
 ) -> tuple[Float[np.ndarray, "D R m"], Float[np.ndarray, "D"]]:
     """Return the probability of each pair, and ln(likelihood) of each draw, over all ways to pair modes.
 
-    No computed mode is two measured ones, and a measured one may be none: what is missing of a row's sum to one.
+    A computed mode has at most one measured partner. A measured mode may have none, with the probability that its row
+    lacks to one.
 
     Args:
         logs: ln(likelihood) of each pair over that of no mode, for D draws.
-        within: which computed modes lie in the band: there one rarely goes unseen.
+        within: which computed modes lie in the band, where a mode is rarely missed.
     """
     draws, rows, count = logs.shape
     height = np.maximum(logs.max(2), 0.0)

@@ -1,4 +1,4 @@
-"""Modes that other software has found: with their covariance where it gives one."""
+"""Modes identified by other software, with their covariance where it exports one."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ from ident.modal.test_files import _place, _state, check_state, is_finished
 from ident.text import did_you_mean, one_line, quoted
 
 KINDS = ("frequency", "damping_ratio", "shape")
-"""What a standard deviation may be of; that of a shape is a share of its largest motion."""
+"""Quantities with a standard deviation; that of a shape is a share of its largest motion."""
 POLE = "pole"
 
 
 @dataclass(frozen=True)
 class FinishedModes(ModeSet):
-    """Modes of a file: damping ratios are zero where it has none, shapes of any scale, and it has no correlations.
+    """Modes of a file: missing damping ratios are zero, shapes have any scale, correlations are unknown.
 
     Attributes:
-        of: what the frequencies are, one of `ident.measure.DEFINITIONS`.
+        of: definition of the frequencies, one of `ident.measure.DEFINITIONS`.
     """
 
     of: str
@@ -35,7 +35,7 @@ class FinishedModes(ModeSet):
 
 @dataclass(frozen=True)
 class FinishedTest(HeldArm):
-    """A file of finished modes, and how the arm was held.
+    """A file of finished modes, and the state of the arm.
 
     Attributes:
         modes: its modes.
@@ -47,16 +47,16 @@ class FinishedTest(HeldArm):
 def finished_tests(
     table: ChannelTable, recordings: Mapping[str, Recording], sigma: Mapping[str, float], of: str | None = None
 ) -> tuple[FinishedTest, ...]:
-    """Return the files of finished modes that a channel table speaks of.
+    """Return the files of finished modes in a channel table.
 
     Args:
         table: with directions in the base frame.
         recordings: by file name.
-        sigma: standard deviations as shares, by `KINDS`, where a file has none.
-        of: what frequencies are, where a file does not say it.
+        sigma: relative standard deviations, by `KINDS`, for files without them.
+        of: definition of the frequencies, for files without it.
 
     Raises:
-        InputError: a channel that a file has not; no standard deviations, or no word for what frequencies are.
+        InputError: a channel is not in the file, or standard deviations or the definition of frequencies are missing.
     """
     responses = [row for row in table.rows if row.role == RESPONSE]
     rows = {name: [row for row in responses if fnmatchcase(name, row.file)] for name in recordings}
@@ -95,7 +95,7 @@ def _lacking(name: str, recording: Recording, rows: list[ChannelRow]) -> Iterato
 
 
 def _unsaid(name: str, shapes: Sequence[Shape], sigma: Mapping[str, float], of: str | None) -> Iterator[Problem]:
-    """Yield what neither the file nor the options say: it is asked for by name."""
+    """Yield the inputs missing from both the file and the options, by name."""
     file = one_line(name)
     has = {
         "frequency": all("frequency" in shape.sigma for shape in shapes),

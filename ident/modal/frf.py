@@ -1,13 +1,13 @@
-"""Frequency response functions of a modal test, with the single hits that they are averaged from.
+"""Frequency response functions of a modal test, with the single hits behind their average.
 
-Whether frequency responses are those of one linear structure: driving points and reciprocity.
+Linearity checks: driving points and reciprocity.
 
-Frequency responses of several hits: H1, H2 and Hv with coherence, and what each hit contributes.
+Estimates from several hits: H1, H2 and Hv with coherence, and the contribution of each hit.
 
-Windows of a hammer test: about the pulse for the force, and one that fades all of it out.
+Windows of a hammer test: a force window around the pulse, and an exponential window on the whole record.
 
-The window exp(-sigma t) on force and response alike makes of the response function H(s) the same function on
-another line of the complex plane, H(sigma + i omega): each pole p becomes p - sigma, exactly.
+The window exp(-sigma t) on force and response alike shifts the response function H(s) to another line of the complex
+plane, H(sigma + i omega): each pole p becomes p - sigma, exactly.
 
 References:
     Ewins, "Modal Testing", 2nd ed. 2000, sections 3.4.2 (driving point), 3.7.4 (windows), 3.10 (reciprocity).
@@ -29,7 +29,7 @@ from ident.measure.load import Load
 
 @dataclass(frozen=True)
 class Place:
-    """Where and along what a force acts or a response is measured.
+    """Point and direction of a force or a response.
 
     point: name of a point of the arm
     direction: (3,) [-] unit vector in the base frame, at the posture of the test
@@ -41,14 +41,14 @@ class Place:
 
 @dataclass(frozen=True)
 class Frf:
-    """Accelerance, acceleration by force, of one posture of an arm.
+    """Accelerance (acceleration over force) at one posture of an arm.
 
     frequency: (F,) [Hz] lines, evenly spaced, ascending
     hits: (H, O, I, F) [1/kg] complex; response of each of H hits (of a shaker test: of each block) at O responses, by I
         references
-    responses: (O,) where and along what acceleration is measured
-    references: (I,) where and along what the force acts
-    decay: [1/s] what an exponential window has added to the decay rate of every pole; to be taken off again
+    responses: (O,) point and direction of each acceleration
+    references: (I,) point and direction of each force
+    decay: [1/s] added to the decay rate of every pole by an exponential window; subtract it again
     """
 
     frequency: np.ndarray
@@ -79,8 +79,8 @@ class ModeSet:
         shape: (O, m) complex motion of each response.
         covariance: (n, n) of frequencies, damping ratios, real and imaginary parts of the shapes mode by mode;
             n = 2 m + 2 O m.
-        responses: (O,) where and along what was measured.
-        band: [Hz] between which modes were sought.
+        responses: (O,) point and direction of each.
+        band: [Hz] limits of the search for modes.
     """
 
     frequency: Float[np.ndarray, "m"]
@@ -103,16 +103,16 @@ class ModeSet:
 
 
 # -------- Checks
-# Whether frequency responses are those of one linear structure: driving points and reciprocity.
+# Linearity of frequency responses: driving points and reciprocity.
 
 ALONG = 0.999
-"""Cosine of the angle of two directions that are the same."""
+"""Cosine of the angle from which two directions count as the same."""
 SIGMAS = 3.0
 """Standard deviations by which a mobility may fall below zero; assumed."""
 SHARE = 0.1
-"""Share of the lines, weighted by their size, that may do so; assumed."""
+"""Acceptable share of such lines, weighted by their size; assumed."""
 APART = 0.1
-"""Difference of two responses that should be equal, as a share of their size, beyond which it is said; assumed."""
+"""Relative difference of two reciprocal responses that triggers a warning; assumed."""
 
 
 @dataclass(frozen=True)
@@ -121,11 +121,11 @@ class Check:
 
     Attributes:
         name: `driving point` or `reciprocity`.
-        places: of the force, and of reciprocity of the other one.
-        value: [-] what was found: of a driving point the share of lines that would feed energy into the hammer, of
-            reciprocity the difference of both responses beyond their scatter, by the size of both driving points.
-        limit: [-] beyond which it is doubtful.
-        remedy: what to look at then.
+        places: of the force; for reciprocity of both forces.
+        value: [-] for a driving point the share of lines that would feed energy into the hammer; for reciprocity the
+            difference of both responses beyond their scatter, over the size of both driving points.
+        limit: [-] largest acceptable value.
+        remedy: what to check beyond the limit.
     """
 
     name: str
@@ -136,17 +136,17 @@ class Check:
 
     @property
     def good(self) -> bool:
-        """Whether it is within its limit."""
+        """Whether the value is within its limit."""
         return bool(self.value <= self.limit)
 
 
 def checks(frf: Frf) -> tuple[Check, ...]:
-    """Return the checks that the places of a test allow."""
+    """Return the checks possible with the places of a test."""
     return (*_driving_points(frf), *_reciprocity(frf))
 
 
 def _driving_points(frf: Frf) -> Iterator[Check]:
-    """Yield for each driving point the share of its mobility whose real part is below zero: a passive arm has none.
+    """Yield for each driving point the share of its mobility with a negative real part: a passive arm has none.
 
     With an exponential window all lines lie at Re s = decay > 0, where the mobility of a passive structure has a
     positive real part, too.
@@ -162,7 +162,7 @@ def _driving_points(frf: Frf) -> Iterator[Check]:
 
 
 def _reciprocity(frf: Frf) -> Iterator[Check]:
-    """Yield how much the response at a by a force at b differs from that at b by a force at a."""
+    """Yield the difference between the response at a to a force at b and the response at b to a force at a."""
     ends = list(_same(frf.responses, frf.references))
     mean = frf.mean
     for k, (o, i, sign) in enumerate(ends):
@@ -180,7 +180,7 @@ def _reciprocity(frf: Frf) -> Iterator[Check]:
 
 
 def _same(responses: tuple[Place, ...], references: tuple[Place, ...]) -> Iterator[tuple[int, int, float]]:
-    """Yield response, reference and sign where both are at one point along one line."""
+    """Yield response, reference and sign of each driving point: both at one point along one line."""
     for o, response in enumerate(responses):
         for i, reference in enumerate(references):
             cosine = float(np.dot(response.direction, reference.direction))
@@ -189,14 +189,14 @@ def _same(responses: tuple[Place, ...], references: tuple[Place, ...]) -> Iterat
 
 
 # -------- Estimates
-# H1, H2 and Hv of several hits, with coherence, and what each hit contributes.
+# H1, H2 and Hv of several hits, with coherence, and the contribution of each hit.
 
 ESTIMATORS = ("h1", "h2", "hv")
 """Estimators: h1 for noise of the response, h2 for noise of the force, hv for both alike."""
 
 
 def contributions(force: np.ndarray, response: np.ndarray, estimator: str = "h1") -> np.ndarray:
-    """Return what each hit says of the frequency response: their mean is the estimate, their scatter its variance.
+    """Return each hit's contribution to the frequency response: the mean is the estimate, the scatter its variance.
 
     These are the pseudo-values of the jackknife, H (n) - (n - 1) H without hit h, shifted so that their mean is the
     estimate itself.
@@ -246,18 +246,18 @@ def _estimate(power: list[np.ndarray], estimator: str) -> np.ndarray:
 
 
 # -------- Modal test
-# What a hammer test is, as a value, and how its records are processed.
+# A hammer test as a value, and the options of its processing.
 
 
 @dataclass(frozen=True)
 class Processing:
-    """How records become frequency responses.
+    """Options of the processing from records to frequency responses.
 
     Attributes:
         estimator: `h1`, `h2` or `hv`.
-        window_end: [-] share to which the exponential window fades a record; 1 for none.
-        rest: [s] between two hits of one record, at least.
-        band: [Hz] lowest and highest line that is kept; None for what the hammer excites.
+        window_end: [-] value of the exponential window at the end of a record; 1 for no window.
+        rest: [s] least time between two hits of one record.
+        band: [Hz] lowest and highest line; None for the band that the hammer excites.
     """
 
     estimator: str = "h1"
@@ -268,10 +268,10 @@ class Processing:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A hit that does not count.
+    """A rejected hit.
 
     Attributes:
-        file: where it is.
+        file: its file.
         number: of the hit in its file, from 1.
         reason: why.
     """
@@ -283,13 +283,13 @@ class Rejected:
 
 @dataclass(frozen=True)
 class HeldArm:
-    """How an arm was held in a test.
+    """State of the arm in a test.
 
     Attributes:
         posture: (joints,) [rad]
         load: the load case, sensors included.
-        drives: what held the motors.
-        files: that tell of the test.
+        drives: state of the drives.
+        files: of the test.
     """
 
     posture: tuple[float, ...]
@@ -299,20 +299,20 @@ class HeldArm:
 
 
 MOVING = "the arm was still moving before"
-"""What is said of a hit before which the arm had not calmed down."""
+"""Remark on a hit that began before the arm had calmed down."""
 
 
 @dataclass(frozen=True)
 class ModalTest(HeldArm):
-    """What was measured at one posture under one load.
+    """Hammer test at one posture under one load.
 
     Attributes:
         frf: frequency responses with those of each hit.
         coherence: (O, I, F) [-]; ones for a single hit.
         duration: [s] of a record; 0 for finished frequency responses.
-        rejected: hits that do not count.
+        rejected: rejected hits.
         checks: of driving points and reciprocity.
-        remarks: what else a reader should know.
+        remarks: other remarks for the report.
     """
 
     frf: Frf
@@ -324,17 +324,17 @@ class ModalTest(HeldArm):
 
     @property
     def responses(self) -> tuple[Place, ...]:
-        """(O,) where and along what was measured."""
+        """(O,) point and direction of each response."""
         return self.frf.responses
 
     @property
     def hits(self) -> int:
-        """Hits that count."""
+        """Number of accepted hits."""
         return len(self.frf.hits) * len(self.frf.references)
 
     @property
     def moving(self) -> tuple[str, ...]:
-        """Of each file before which of its hits the arm had not calmed down, where there are such."""
+        """Remarks on hits that began before the arm had calmed down, one per file."""
         return tuple(remark for remark in self.remarks if MOVING in remark)
 
     @property
@@ -344,19 +344,19 @@ class ModalTest(HeldArm):
 
 
 # -------- Windows
-# Of a hammer test: about the pulse for the force, and one that fades all of it out.
+# Windows of a hammer test: a force window around the pulse, and an exponential window on the whole record.
 
 MARGIN = 3.0
-"""Duration of the force window's flat part behind the pulse and of its fall, each, in durations of the pulse."""
+"""Duration of the force window's flat part after the pulse, and of its fall, each in pulse durations."""
 
 
 def exponential_decay(duration: float, end: float, applied: float = 0.0) -> float:
-    """Return by how much a window is still to fade a record [1/s] so that it ends at a share of its start.
+    """Return the decay rate [1/s] of a window that ends at a given value, less that of a window already applied.
 
     Args:
         duration: [s] of the record.
-        end: [-] the share; 1 for no window.
-        applied: [1/s] what the analyser's own window has faded already.
+        end: [-] value of the window at its end; 1 for no window.
+        applied: [1/s] decay rate of the analyser's own window.
     """
     return max(-math.log(end) / duration - applied, 0.0)
 
@@ -367,7 +367,7 @@ def exponential_window(count: int, step: float, decay: float) -> np.ndarray:
 
 
 def force_window(count: int, begin: int, end: int) -> np.ndarray:
-    """Return a window (T,) [-] that is one up to some time behind a pulse, from there on falls as a cosine to zero.
+    """Return a window (T,) [-] that is one until some time after a pulse, and then falls to zero as a cosine.
 
     Args:
         count: samples T.

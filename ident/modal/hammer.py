@@ -31,21 +31,21 @@ from ident.modal.test_files import Source, sources
 from ident.text import one_line, quoted
 
 # -------- Hits
-# Hits of a hammer in a record of the force: where each begins, and which are double, overloaded or cut off.
+# Hammer hits in a record of the force: the start of each, and double, overloaded or cut-off hits.
 
 PULSE = 0.1
-"""Share of the largest force of a record beyond which it counts as a pulse; assumed."""
+"""Level of a pulse, as a share of the largest force of the record; assumed."""
 REBOUND = 0.05
-"""Share of a hit's own peak which a second pulse must reach to make a double hit; assumed."""
+"""Level of a second pulse, as a share of the hit's peak, that makes a double hit; assumed."""
 NOISE = 8.0
-"""Standard deviations of the noise which a pulse must exceed; assumed."""
+"""Least height of a pulse in standard deviations of the noise; assumed."""
 FLAT = 3
-"""Equal samples in a row at its largest number by which a channel shows that it was overloaded; assumed."""
+"""Equal samples in a row at the largest value that indicate an overload; assumed."""
 STEPS = 50
-"""Different numbers that a channel must have for a flat top to mean anything: else it is coarse, not overloaded;
-assumed."""
+"""Fewest different values of a channel for a flat top to indicate an overload: with fewer it is just coarse; assumed.
+"""
 FULL = 0.999
-"""Share of full scale that counts as overload; assumed."""
+"""Level of an overload, as a share of full scale; assumed."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class Hit:
     """A pulse of the force.
 
     Attributes:
-        block: number of the block that it is in.
+        block: number of its block.
         begin: first sample of the pulse.
         end: first sample after it.
-        until: first sample of the record after it that is another hit's, or the block's length.
-        flaw: why it does not count; empty where it does.
+        until: first sample of the next hit, or the block's length.
+        flaw: why it is rejected; empty for a good hit.
     """
 
     block: int
@@ -70,16 +70,16 @@ class Hit:
 def find_hits(force: np.ndarray, step: float, rest: float) -> list[Hit]:
     """Find the hits in blocks of the force.
 
-    A block that was triggered holds one hit: further pulses in it make it a double one. A single block holds all hits
-    of a record: pulses closer than `rest` to the one before belong to its hit.
+    A triggered block holds one hit: further pulses make it a double hit. A single block holds all hits of a record:
+    pulses closer than `rest` to the previous one belong to its hit.
 
     Args:
         force: (B, T) [N]
         step: [s] between samples.
-        rest: [s] between hits, at least.
+        rest: [s] least time between hits.
 
     Returns:
-        The hits in order, those that are double with their flaw.
+        The hits in order, double hits with their flaw.
     """
     if len(force) == 1:
         return list(_of_record(force[0], step, rest))
@@ -104,9 +104,9 @@ def _of_record(force: np.ndarray, step: float, rest: float) -> Iterator[Hit]:
 
 
 def _hit(block: int, span: tuple[int, int], near: np.ndarray, noise: float) -> Hit:
-    """Return the hit of a span of samples, of which those near its begin are given.
+    """Return the hit of a span of samples, given those near its begin.
 
-    Its pulses push as the largest one does: filters ring to the other side, a hammer cannot pull.
+    Only pulses with the sign of the largest one count: the opposite sign is filter ringing, as a hammer cannot pull.
     """
     size, sign = np.abs(near), np.sign(near[np.argmax(np.abs(near))])
     level = max(REBOUND * float(size.max()), noise)
@@ -120,7 +120,7 @@ def _hit(block: int, span: tuple[int, int], near: np.ndarray, noise: float) -> H
 
 
 def _stands_out(force: np.ndarray) -> bool:
-    """Tell whether anything rises above the noise about the force's median: a constant offset is no pulse."""
+    """Whether the force rises above its noise around the median: a constant offset is not a pulse."""
     return bool(np.abs(force - np.median(force)).max() > NOISE * _noise(force))
 
 
@@ -130,14 +130,14 @@ def _noise(force: np.ndarray) -> float:
 
 
 def overload(values: np.ndarray, full_scale: float | None) -> str:
-    """Say whether a channel was overloaded: it reaches full scale, or its largest number stands in a row.
+    """Describe an overload of a channel: it reaches full scale, or its largest value repeats in a row.
 
     Args:
         values: (T,) [SI] of one hit.
-        full_scale: [SI] of the input; None where it is not known.
+        full_scale: [SI] of the input; None if unknown.
 
     Returns:
-        What was seen; empty for no overload.
+        The evidence; empty for no overload.
     """
     size = np.abs(values)
     largest = float(size.max())
@@ -150,28 +150,28 @@ def overload(values: np.ndarray, full_scale: float | None) -> str:
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Return begin and end of each stretch in which a mask is true."""
+    """Return begin and end of each run of true values in a mask."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 # -------- Mains
-# Lines of the mains in the responses, at 50 or 60 Hz and twice that, which are no modes.
+# Mains lines in the responses, at 50 or 60 Hz and twice that, which are not modes.
 
 MAINS = (50.0, 60.0, 100.0, 120.0)
-"""Frequencies [Hz] at which the mains may be heard."""
+"""Possible frequencies [Hz] of mains lines."""
 NOISE_CHANCE = 1e-6
-"""Chance of noise alone to stand out so far, at one line of one channel; assumed."""
+"""False-alarm probability of a line by noise alone, at one line of one channel; assumed."""
 ABOUT = 3.0
-"""Width [Hz] to either side of the line of what lies about it."""
+"""Half width [Hz] of the surroundings of a line."""
 
 
 def mains_lines(group: Iterable[Source], frequency: np.ndarray) -> list[str]:
-    """Say which lines of the mains the last quarters of the records show, when the arm has calmed down.
+    """Describe mains lines in the last quarters of the records, where the arm has calmed down.
 
     Args:
-        group: what was recorded.
-        frequency: (F,) [Hz] lines that are kept.
+        group: the records.
+        frequency: (F,) [Hz] lines in use.
     """
     seen: dict[float, list[str]] = {}
     for source in group:
@@ -183,7 +183,7 @@ def mains_lines(group: Iterable[Source], frequency: np.ndarray) -> list[str]:
 
 
 def _lines(quiet: np.ndarray, step: float) -> list[float]:
-    """Return the lines that stand out of what lies about them."""
+    """Return the mains lines that stand out of their surroundings."""
     blocks, count = quiet.shape
     level = chdtri(2 * blocks, NOISE_CHANCE) / chdtri(2 * blocks, 0.5)  # of a sum of squares of Gaussian noise
     power = (np.abs(np.fft.rfft(np.hanning(count) * (quiet - quiet.mean(1, keepdims=True)))) ** 2).mean(0)
@@ -205,30 +205,30 @@ def _remark(line: float, names: list[str], frequency: np.ndarray) -> str:
 
 
 # -------- Spectra
-# Spectra of the good hits of a file: cut out, freed of their offset, faded, transformed.
+# Spectra of the good hits of a file: cut out, remove the offset, apply the window, transform.
 
 ANTI_ALIAS = 2.56
-"""Sampling rate by the highest frequency that an analyser's filter leaves alone."""
+"""Sampling rate over the highest frequency in the pass band of an analyser's filter."""
 PERIODS = 4
-"""Fewest periods of a line that a record holds."""
+"""Fewest periods of a line in a record."""
 FALLEN = 0.1
-"""Share of its largest value to which the force's spectrum may fall within the band: 20 dB."""
+"""Least force spectrum within the band, relative to its largest value: 20 dB below."""
 BEFORE = 0.05
-"""Largest share of a record that is kept from before the hit: the offset is taken there."""
+"""Largest share of a record before the hit, used for the offset."""
 CALM = 0.1
-"""Velocity before a hit, as a share of that after it, beyond which the arm had not calmed down; assumed."""
+"""Velocity before a hit, relative to that after it, above which the arm was still moving; assumed."""
 
 
 @dataclass
 class Spectra:
-    """Spectra of the good hits of one file, faded by the same window.
+    """Spectra of the good hits of one file, with the same window.
 
     Attributes:
         source: the file.
         force: (H, F) [N s]
         response: (H, O, F) [m/s] of accelerations.
-        rejected: hits that do not count.
-        moving: (H,) numbers of hits before which the arm had not calmed down.
+        rejected: rejected hits.
+        moving: (H,) numbers of hits that began while the arm was still moving.
     """
 
     source: Source
@@ -256,7 +256,7 @@ def spectra(source: Source, hits: list[Hit], count: int, decay: float) -> Spectr
 
 
 class _Record(NamedTuple):
-    """What was recorded of one hit.
+    """Record of one hit.
 
     Attributes:
         force: (T,) [N]
@@ -264,7 +264,7 @@ class _Record(NamedTuple):
         offset: (O + 1,) [SI] of the force and the answers at rest.
         begin: first sample of the pulse.
         end: first sample after it.
-        late: (O,) [s] by which the samples of the answers are taken after those of the force; None for not at all.
+        late: (O,) [s] delay of the answers' samples after those of the force; None for no delay.
     """
 
     force: np.ndarray
@@ -278,7 +278,7 @@ class _Record(NamedTuple):
 def _cut(source: Source, hit: Hit, count: int, *, alone: bool) -> _Record:
     """Return the record of a hit.
 
-    Its offset is that well before it, where filters do not ring yet, or of a whole block that holds several hits.
+    Its offset is taken well before the hit, where filters do not ring yet, or over a whole block with several hits.
     """
     assert source.force is not None
     before = min(hit.begin, int(BEFORE * count))
@@ -291,7 +291,7 @@ def _cut(source: Source, hit: Hit, count: int, *, alone: bool) -> _Record:
 
 
 def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the spectra of force (F,) and accelerations (O, F), less their offset, faded by what decay is left."""
+    """Return the spectra of force (F,) and accelerations (O, F), without offset, windowed with the remaining decay."""
     count = len(record.force)
     window = exponential_window(count, source.step, decay - source.decay)
     about = force_window(count, record.begin, record.end)
@@ -304,7 +304,7 @@ def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndar
 
 
 def _moves(record: _Record) -> bool:
-    """Tell whether all responses that feel the hit moved before it, as velocities: what rings for long is slow."""
+    """Whether all responses to the hit were moving before it, as velocities, since long ringing is slow."""
     before = record.begin - 1
     if before < 4:
         return False
@@ -315,14 +315,14 @@ def _moves(record: _Record) -> bool:
 
 
 def _swing(answers: np.ndarray) -> np.ndarray:
-    """Return the variance (O,) of the sums of samples (O, T), less twice what white noise adds to it."""
+    """Return the variance (O,) of the sums of samples (O, T), less twice the contribution of white noise."""
     summed = np.cumsum(answers - answers.mean(1, keepdims=True), 1)
     white: np.ndarray = (np.diff(answers, 2, axis=1) ** 2).mean(1) / 6
     return summed.var(1) - white * answers.shape[1] / 6
 
 
 def _overloaded(source: Source, record: _Record) -> str:
-    """Say which channel of a hit was overloaded; empty for none."""
+    """Describe the overloaded channel of a hit; empty for none."""
     if seen := overload(record.force, source.full_scale):
         return f"overload of the force: {seen} N"
     for each, values in zip(source.responses, record.answers, strict=True):
@@ -332,7 +332,7 @@ def _overloaded(source: Source, record: _Record) -> str:
 
 
 def excited(every: list[Spectra], frequency: np.ndarray, rate: float) -> tuple[float, float]:
-    """Return the band that all hits excite [Hz]: from the first line to where the force has fallen by 20 dB."""
+    """Return the band excited by all hits [Hz]: from the first line to the frequency where the force is 20 dB down."""
     ends = []
     for each in every:
         size = np.abs(each.force).mean(0)
@@ -345,7 +345,7 @@ def excited(every: list[Spectra], frequency: np.ndarray, rate: float) -> tuple[f
 # -------- Hammer
 
 FEWEST = 32
-"""Fewest samples of a record behind a hit."""
+"""Fewest samples of a record after a hit."""
 
 
 def modal_tests(
@@ -359,7 +359,7 @@ def modal_tests(
         processing: windows, estimator and band.
 
     Raises:
-        InputError: see `sources`; or a test without a good hit, or with responses that were not measured by all forces.
+        InputError: see `sources`; or a test without a good hit, or with a response missing for some force.
     """
     groups = grouped(sources(table, recordings), lambda source: source.state).values()
     return tuple(_test(group, processing or Processing()) for group in groups)
@@ -404,14 +404,14 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
 def _assembled(
     every: list[Spectra], frequency: np.ndarray, kept: np.ndarray, how: tuple[float, str, float], mains: list[str]
 ) -> ModalTest:
-    """Return the test of all files of a posture together, with what is said of them.
+    """Return the joint test of all files of a posture, with remarks.
 
     Args:
         every: the spectra of each file.
-        frequency: (F,) [Hz] lines that are kept.
-        kept: which lines of the spectra these are.
-        how: decay rate that the windows have added [1/s], estimator, duration of a record [s].
-        mains: remarks on lines of the mains.
+        frequency: (F,) [Hz] lines in use.
+        kept: their indices in the spectra.
+        how: decay rate added by the windows [1/s], estimator, duration of a record [s].
+        mains: remarks on mains lines.
     """
     decay, estimator, duration = how
     references = tuple(dict.fromkeys(each.source.reference for each in every))
@@ -451,7 +451,7 @@ _ByResponse = dict[Place, tuple[np.ndarray, ...]]
 
 
 def _pooled(parts: list[Spectra], kept: np.ndarray) -> _ByResponse:
-    """Return the hits at one reference by response, those of several files after each other."""
+    """Return the hits at one reference by response, joined over files."""
     pooled: _ByResponse = {}
     for part in parts:
         for i, each in enumerate(part.source.responses):

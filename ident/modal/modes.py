@@ -30,16 +30,16 @@ from ident.modal.poles import (
 # All modes at once by maximum likelihood, with their joint covariance.
 
 STEPS = 60
-"""Steps of a search at most."""
+"""Most steps of a search."""
 SMALL = 1e-4
-"""Last change of chi-squared at which a search ends; one is a standard deviation."""
+"""Change of chi-squared that ends a search; one is a standard deviation."""
 
 CHORDS = 4
-"""Steps to an estimate nearby."""
+"""Steps with fixed slopes to a neighbouring estimate."""
 SETTLED = 0.01
-"""Last change of chi-squared after which such steps have come to an end."""
+"""Change of chi-squared below which such steps have converged."""
 FALLBACK = 8
-"""Steps of a search where they do not."""
+"""Steps of a full search where they do not converge."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Likelihood:
         model: the modes with the residuals.
         covariance: (n, n) of the model's vector: the inverse of the full information matrix.
         chi_squared: [-] of the whitened residuals.
-        freedom: number of residuals less that of parameters.
+        freedom: number of residuals minus that of parameters.
         converged: whether the search ended by its own criterion.
 
     References:
@@ -66,15 +66,15 @@ class Likelihood:
 
 
 def maximise(frf: Frf, noise: Noise, start: ModalModel, *, steps: int = STEPS, below: float = math.inf) -> Likelihood:
-    """Search the modes that make the averaged functions most probable, by Levenberg and Marquardt's method.
+    """Search the modes of maximum likelihood for the averaged functions, by Levenberg and Marquardt's method.
 
     Args:
         frf: of the test.
         noise: of the functions.
-        start: modes to begin with.
+        start: starting modes.
         steps: at most.
-        below: chi-squared that has to be reached within these steps: where the larger of the last two gains, in all
-            steps that are left, would not do it, the search is given up.
+        below: target for chi-squared within these steps. The search stops if the larger of the last two gains, repeated
+            over all remaining steps, would miss it.
     """
     s, mean = 2j * np.pi * frf.frequency + frf.decay, channels_of(frf.mean)
     model, cost, damping, converged, before = start, _cost(mean, noise, start, s), 1e-3, False, math.inf
@@ -108,8 +108,8 @@ def maximise(frf: Frf, noise: Noise, start: ModalModel, *, steps: int = STEPS, b
 def nearby(frf: Frf, noise: Noise, fit: Likelihood, others: Sequence[Frf]) -> Float[np.ndarray, "h n"]:
     """Return the vectors of estimates from functions that differ little from those of a fit.
 
-    By steps with the slopes and the information of the fit; by a search where these lead away, as where a mode beyond
-    the band is hardly known.
+    Takes steps with the slopes and the information of the fit. Where these diverge, for example with a poorly
+    determined mode outside the band, it searches.
     """
     s, vector = 2j * np.pi * frf.frequency + frf.decay, fit.model.vector()
     gain = fit.covariance @ noise.whiten(channels_of(fit.model.slopes(s)))
@@ -135,12 +135,12 @@ def _cost(mean: Complex[np.ndarray, "K F"], noise: Noise, model: ModalModel, s: 
 
 
 # -------- Jackknife
-# What the hits themselves say of the covariance: leave-one-hit-out, beside maximum likelihood.
+# Check of the maximum-likelihood covariance by the hits themselves: leave-one-hit-out.
 
 NOTICED = 0.1
-"""Change of a standard error, as a share of it, beyond which the scatter of the hits is doubted; assumed."""
+"""Relative change of a standard error from which a scatter ratio outside its band matters; assumed."""
 BAND = 0.99
-"""Probability of the band that a ratio lies in, where the covariance is right."""
+"""Probability that the ratio lies in its band if the covariance is right."""
 
 
 @dataclass(frozen=True)
@@ -149,8 +149,8 @@ class Ratio:
 
     Attributes:
         value: [-] pooled over poles (and postures).
-        freedom: degrees of freedom: numbers of the poles times one less than hits.
-        effect: logarithm by which it changes a standard error that is reported, at most; infinite where none is.
+        freedom: degrees of freedom: real numbers of the poles, times the number of hits minus one.
+        effect: largest change of a reported standard error, as a logarithm; infinite where none is reported.
     """
 
     value: float
@@ -159,32 +159,32 @@ class Ratio:
 
     @property
     def band(self) -> tuple[float, float]:
-        """Where the ratio lies with 99 % probability, if the covariance is right."""
+        """99 % interval of the ratio if the covariance is right."""
         low, high = chi2.interval(BAND, self.freedom)
         return float(low) / self.freedom, float(high) / self.freedom
 
     @property
     def outside(self) -> bool:
-        """Whether it lies outside this band."""
+        """Whether the ratio lies outside this band."""
         low, high = self.band
         return not low <= self.value <= high
 
     @property
     def doubtful(self) -> bool:
-        """Whether it lies outside this band, and changes what is reported."""
+        """Whether the ratio lies outside this band and changes reported standard errors."""
         return self.outside and self.effect > NOTICED
 
     @property
     def scale(self) -> float:
-        """[-] what the covariance is multiplied with: the ratio, and Student's t over the normal at 95 %, squared."""
+        """[-] factor on the covariance: the ratio times the square of Student's t over the normal at 95 %."""
         return self.value * (float(t.isf(0.025, self.freedom)) / 1.959964) ** 2
 
 
 def jackknife(frf: Frf, noise: Noise, fit: Likelihood) -> Ratio:
     """Repeat the estimate without each hit in turn and compare the scatter of the poles with the covariance.
 
-    Var = (H - 1) / H sum_h (x_h - mean)^2, as a squared distance in the covariance of all poles, so that close modes,
-    whose errors go together, count for what they are.
+    Var = (H - 1) / H sum_h (x_h - mean)^2, as a squared distance in the covariance of all poles, which accounts for the
+    correlated errors of close modes.
 
     References:
         Efron, Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11.
@@ -200,24 +200,24 @@ def jackknife(frf: Frf, noise: Noise, fit: Likelihood) -> Ratio:
 
 
 def pooled(ratios: Sequence[Ratio]) -> Ratio:
-    """Return one ratio of several tests."""
+    """Return the pooled ratio of several tests."""
     freedom = sum(ratio.freedom for ratio in ratios)
     return Ratio(float(sum(ratio.value * ratio.freedom for ratio in ratios) / freedom), freedom)
 
 
 # -------- Selection
-# How many modes a test shows: those that the data ask for and no more, with why others were left out.
+# Number of modes of a test: only those that the data support, with the reason for each rejected one.
 
 FIRST_STEPS = 8
-"""Steps of the search that compares one number of modes with another."""
+"""Steps of a search that compares two numbers of modes."""
 ABOUT = 5
-"""Lines about a pole that tell how the references move."""
+"""Fewest lines around a pole to estimate its participation."""
 SHARPEST = 0.005
-"""Relative standard deviation of a frequency that is good enough, however sharp its resonance; assumed."""
+"""Relative standard deviation of a frequency that is sufficient, however sharp its resonance; assumed."""
 BEYOND = 0.15
-"""How far outside the band a mode is sought first, as a share of its end; assumed."""
+"""Starting distance of a mode outside the band from its end, relative to that frequency; assumed."""
 MOST_ADDED = 8
-"""Modes that are added to those of the diagram at most."""
+"""Most modes added to those of the diagram."""
 
 
 def starting_model(frf: Frf, noise: Noise, diagram: Diagram) -> ModalModel:
@@ -230,18 +230,18 @@ def starting_model(frf: Frf, noise: Noise, diagram: Diagram) -> ModalModel:
 def select(
     frf: Frf, noise: Noise, start: ModalModel, candidates: np.ndarray | None
 ) -> tuple[Likelihood, tuple[Rejected, ...]]:
-    """Add modes to a start while the data ask for more, and leave out those that they don't.
+    """Add modes to a start while the data support more, and drop the unsupported ones.
 
-    A mode stays where it lowers chi-squared by more than its numbers cost (Schwarz's criterion), is damped, and has a
-    frequency that is known to within its resonance. What is added is a pole that was found in few orders, a mode split
-    in two, or one just outside the band, where its tail is more than residuals can be.
+    A mode stays if it lowers chi-squared by more than its parameters cost (Schwarz's criterion), is damped, and has a
+    frequency uncertainty below its resonance width. Candidates are poles of few orders, modes split in two, and modes
+    just outside the band whose tail the residuals cannot represent.
 
     Args:
         frf: of the test.
         noise: of the functions.
         start: modes of the stabilisation diagram.
-        candidates: poles [rad/s] that were found, but not in enough orders; None where a person chose the modes, so
-            that only such outside the band are added.
+        candidates: poles [rad/s] of too few orders; None where a person chose the modes, so that modes are added only
+            outside the band.
 
     References:
         Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
@@ -259,10 +259,10 @@ def select(
 
 
 def _begun(frf: Frf, noise: Noise, start: ModalModel) -> tuple[Likelihood, list[Rejected]]:
-    """Return the fit of a start without what is no mode; where that loses one, with a mode outside the band if better.
+    """Return the pruned fit of a start; if that loses a mode, also try with one outside the band, and take the better.
 
-    Where such a mode's tail is more than residuals can be, the search makes it of a mode that the start has within the
-    band, which is lost then: the mode outside has to be there from the beginning.
+    If the residuals cannot represent the tail of a mode outside the band, the search models it with a mode of the start
+    within the band, which is then lost. So the outside mode must be in the start.
     """
     found = _pruned(frf, noise, maximise(frf, noise, start))
     if not found[1]:
@@ -273,7 +273,7 @@ def _begun(frf: Frf, noise: Noise, start: ModalModel) -> tuple[Likelihood, list[
 
 
 def _with_one_more(frf: Frf, noise: Noise, fit: Likelihood, poles: Iterable[np.ndarray]) -> Likelihood | None:
-    """Return the fit with the one of some poles that lowers chi-squared most; None where none lowers it enough."""
+    """Return the fit with the pole that lowers chi-squared most; None if no pole lowers it enough."""
     starts = [_start_with(frf, noise, fit.model, pole) for pole in poles]
     below = fit.chi_squared - _price(frf, fit.model)
     fits = [maximise(frf, noise, start, steps=FIRST_STEPS, below=below) for start in starts]
@@ -286,12 +286,12 @@ def _schwarz(frf: Frf, fit: Likelihood) -> float:
 
 
 def _price(frf: Frf, model: ModalModel) -> float:
-    """Return by how much a mode has to lower chi-squared."""
+    """Return the decrease of chi-squared that justifies a mode."""
     return model.size * math.log(2 * frf.mean.size)
 
 
 def _pruned(frf: Frf, noise: Noise, fit: Likelihood) -> tuple[Likelihood, list[Rejected]]:
-    """Leave out modes that are none, one at a time, the most doubtful first."""
+    """Drop spurious modes one at a time, the most doubtful first."""
     rejected: list[Rejected] = []
     while True:
         for r, why in _doubtful(frf, fit):
@@ -308,7 +308,7 @@ def _pruned(frf: Frf, noise: Noise, fit: Likelihood) -> tuple[Likelihood, list[R
 
 
 def _doubtful(frf: Frf, fit: Likelihood) -> list[tuple[int, str]]:
-    """Return modes that may be none, the weakest first, with why where it is certain."""
+    """Return possibly spurious modes, certain ones first and then the weakest, with the reason where it is certain."""
     model, inside = fit.model, fit.model.inside(frf.frequency)
     ratio = -model.pole.real / np.abs(model.pole)
     rows = np.arange(len(model.pole)) * model.size + 1
@@ -321,7 +321,7 @@ def _doubtful(frf: Frf, fit: Likelihood) -> list[tuple[int, str]]:
 
 
 def _strength(fit: Likelihood, r: int) -> float:
-    """Return by about how much chi-squared falls by a mode: its shape as chi-squared (Wald)."""
+    """Return the approximate decrease of chi-squared by a mode: the Wald statistic of its shape."""
     at = r * fit.model.size + np.arange(2, 2 + 2 * len(fit.model.shape))
     vector = fit.model.vector()[at]
     return float(vector @ np.linalg.pinv(fit.covariance[np.ix_(at, at)], hermitian=True) @ vector)
@@ -334,7 +334,7 @@ def _beyond(frf: Frf) -> list[np.ndarray]:
 
 
 def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield poles that may be missing: candidates, and modes in two, where the surroundings don't fit."""
+    """Yield poles that may be missing where the fit is poor: candidates, and modes split in two."""
     left = channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay))
     by_line = (np.abs(noise.by_line(left)) ** 2).mean(0)
     omega = 2 * np.pi * frf.frequency
@@ -353,7 +353,7 @@ def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndar
 
 
 def _start_with(frf: Frf, noise: Noise, model: ModalModel, poles: np.ndarray) -> ModalModel:
-    """Return a start with one pole more: a new one, or two in place of the one that lies between them."""
+    """Return a start with one more pole: a new one, or two in place of the one between them."""
     pole, participation = model.pole, model.participation
     if len(poles) == 2:
         split = np.argmin(np.abs(pole - poles.mean()))
@@ -365,7 +365,7 @@ def _start_with(frf: Frf, noise: Noise, model: ModalModel, poles: np.ndarray) ->
 
 
 def _participation(frf: Frf, noise: Noise, model: ModalModel, pole: complex) -> np.ndarray:
-    """Return how the references move by the residuals about a pole."""
+    """Return the participation of the references from the residuals around a pole."""
     left = frf.mean - model.accelerance(2j * np.pi * frf.frequency + frf.decay)
     apart = np.abs(2 * np.pi * frf.frequency - pole.imag)
     near = apart <= max(2 * abs(pole.real), np.sort(apart)[ABOUT])
@@ -374,7 +374,7 @@ def _participation(frf: Frf, noise: Noise, model: ModalModel, pole: complex) -> 
 
 
 # -------- Estimate
-# From frequency response functions to modes with their joint covariance: the one entry.
+# Entry point: from frequency response functions to modes with their joint covariance.
 
 FEWEST_LINES = 20
 """Fewest lines of a band."""
@@ -382,17 +382,17 @@ FEWEST_LINES = 20
 
 @dataclass(frozen=True)
 class Modes(ModalParameters):
-    """Modes of a hammer test, whose shapes are scaled.
+    """Modes of a hammer test, with scaled shapes.
 
-    The covariance is scaled by the ratio, and for the weights' own uncertainty. A shape is the product with the motion
-    of the reference of the mode [1/kg].
+    The covariance is scaled by the ratio, and for the uncertainty of the weights. A shape is multiplied by the motion
+    at the mode's reference [1/kg].
 
     Attributes:
         participation: (I, m) [-] complex motion of each reference, one at the reference of the mode.
-        ratio: of the scatter between hits to the covariance by maximum likelihood, which has scaled it.
+        ratio: scatter between hits over the maximum-likelihood covariance, already applied to the covariance.
         misfit: [-] chi-squared over degrees of freedom: one where the model explains all but the scatter of the hits.
-        converged: whether the search for the most probable modes ended by its own criterion.
-        model: modes with residuals of those outside the band, among which are modes where they are near.
+        converged: whether the search ended by its own criterion.
+        model: all modes, including close ones outside the band, and residuals of the others.
         frf: the functions within the band.
     """
 
@@ -405,7 +405,7 @@ class Modes(ModalParameters):
 
     @property
     def doubtful(self) -> bool:
-        """Whether the scatter of the hits contradicts the covariance by maximum likelihood, and matters."""
+        """Whether the scatter of the hits contradicts the maximum-likelihood covariance noticeably."""
         return self.ratio.doubtful
 
     @property
@@ -418,16 +418,16 @@ class Modes(ModalParameters):
 def modes_of(frf: Frf, *, band: tuple[float, float] | None = None, near: Sequence[float] | None = None) -> Modes:
     """Identify the modes of a test with their joint covariance.
 
-    Poles by poly-reference least squares over orders, those that last by themselves; then all modes at once by maximum
-    likelihood, weighted by the scatter of the hits; leave-one-hit-out scales the covariance.
+    Takes the stable poles of poly-reference least squares over orders; then fits all modes at once by maximum
+    likelihood, weighted by the scatter of the hits. Leave-one-hit-out scales the covariance.
 
     Args:
         frf: frequency response functions with their single hits.
-        band: (2,) [Hz] lines that count; all above 0 Hz when not given.
-        near: (m,) [Hz] overrules the choice of modes: for each the pole of the diagram that lies nearest.
+        band: (2,) [Hz] lines to use; by default all above 0 Hz.
+        near: (m,) [Hz] overrides the choice of modes: the nearest pole of the diagram for each.
 
     Raises:
-        InputError: the band has too few lines, there are too few hits, or no mode is found.
+        InputError: too few lines in the band, too few hits, or no mode.
     """
     frf = within(frf, band)
     noise = noise_of(frf)
@@ -453,7 +453,7 @@ def within(frf: Frf, band: tuple[float, float] | None) -> Frf:
 
 
 def chosen_near(diagram: Diagram, near: Sequence[float]) -> Diagram:
-    """Return the diagram with the poles nearest to these frequencies chosen, of the highest orders."""
+    """Return the diagram with a choice of the poles nearest to these frequencies, preferring high orders."""
     any_pole = len(diagram.pole)
     require(any_pole, "", "no stable pole", "poles near those frequencies", "look at the functions", "near")
     latest = diagram.order / diagram.order.max() * 1e-3
@@ -464,7 +464,7 @@ def chosen_near(diagram: Diagram, near: Sequence[float]) -> Diagram:
 
 
 def together(tests: Sequence[Modes]) -> tuple[Modes, ...]:
-    """Return the modes of several tests with covariances scaled by the ratio of all of them together."""
+    """Return the modes of several tests with covariances scaled by their pooled ratio."""
     if not tests:
         return ()
     ratio = pooled([modes.ratio for modes in tests])
@@ -487,7 +487,7 @@ def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected
 
 
 def _slopes(model: ModalModel, order: np.ndarray) -> Float[np.ndarray, "n v"]:
-    """Return the derivative of frequencies, damping ratios and shapes by the model's vector."""
+    """Return the derivatives of frequencies, damping ratios and shapes with respect to the model's vector."""
     modes, outputs = len(order), 2 * len(model.shape)
     out = np.zeros(((2 + outputs) * modes, len(model.vector())))
     for place, r in enumerate(order):

@@ -1,4 +1,4 @@
-"""From the correlation functions of an ambient test to modes with their joint covariance: the one entry."""
+"""Entry point: from the correlation functions of an ambient test to modes with their joint covariance."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,8 +28,8 @@ class Realisation:
 
     Attributes:
         order: states.
-        pole: (m,) [rad/s] complex, those of positive frequency.
-        shape: (O, m) complex, in the channels' own units.
+        pole: (m,) [rad/s] complex, of positive frequency.
+        shape: (O, m) complex, in the channels' units.
     """
 
     order: int
@@ -52,8 +52,8 @@ def realisations(
     """Return the poles of correlation functions of responses to white noise.
 
     R(k) = C A^(k - 1) G for lags k >= 1, so that the block Hankel matrix of R(1), R(2), ... is the product of
-    observability and controllability; A follows from the shift of the observability by one block row. Lag 0, which
-    has the noise of the sensors and the direct part of accelerations, is not used.
+    observability and controllability; A follows from the shift of the observability by one block row. Lag 0 is not
+    used: it contains sensor noise and the direct part of accelerations.
 
     Args:
         correlation: at lags 0 to K - 1; K even.
@@ -61,8 +61,8 @@ def realisations(
         orders: numbers of states.
 
     Returns:
-        One realisation for each order. Orders above the numerical rank of the Hankel matrix have as many states as
-        its rank, since what lies below is rounding: a quiet response has fewer states than a noisy one.
+        One realisation for each order. Orders above the numerical rank of the Hankel matrix are limited to its rank,
+        since smaller singular values are rounding: a quiet response has fewer states than a noisy one.
 
     References:
         Peeters, De Roeck, "Reference-based stochastic subspace identification for output-only modal analysis", MSSP 13,
@@ -93,15 +93,16 @@ def realisations(
 # The joint covariance of modes of an ambient test: repeat the estimate without each block of the record.
 
 LOST = 3.0
-"""Distance, in those of one mode's poles of neighbouring orders, from which on a pole is another one; assumed."""
+"""Distance from which a pole is another mode, in units of the distance of one mode's poles in neighbouring orders;
+assumed."""
 
 
 @dataclass(frozen=True)
 class Tracked(ModeSet):
-    """The lasting poles of a diagram as modes; shapes are accelerations, one at a response that has much of the mode.
+    """The stable poles of a diagram as modes; shapes are accelerations, one at a response with large motion.
 
     Attributes:
-        lost: (m,) whether a pole is another one where a block is left out.
+        lost: (m,) whether leaving out some block turns the pole into another one.
     """
 
     lost: Bool[np.ndarray, "m"]
@@ -116,12 +117,12 @@ class Tracked(ModeSet):
 
 
 def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked:
-    """Return the lasting poles of a diagram as modes with their joint covariance.
+    """Return the stable poles of a diagram as modes with their joint covariance.
 
-    Each number of a mode is the median over the orders in which its cluster has a pole. For the correlation functions
-    without one block, the poles of each order that are most like those of the whole record take their place;
-    Var = (B - 1) / B sum_b (x_b - mean)^2, widened by Student's t. As that matrix has rank B - 1 only, its correlations
-    are shrunk to none as far as they are uncertain; those within a shape are left.
+    Each number of a mode is the median over the orders in which its cluster has a pole. Without one block, the most
+    similar poles of each order take the place of those of the whole record; Var = (B - 1) / B sum_b (x_b - mean)^2,
+    widened by Student's t. As that matrix has only rank B - 1, its correlations are shrunk towards zero as far as they
+    are uncertain, except those within a shape.
 
     Args:
         test: the correlation functions.
@@ -153,10 +154,10 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked
 def _numbers(
     test: AmbientTest, diagram: Diagram, by_order: Mapping[int, Realisation]
 ) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, "m"]]:
-    """Return frequency, damping ratio and shape (real parts first) of each mode, and how far its poles are off."""
+    """Return frequency, damping ratio and shape (real parts first) of each mode, and the distance of its poles."""
     numbers, apart = [], []
     for i, chosen in enumerate(diagram.chosen):
-        largest = int(np.argmax(np.abs(diagram.shape[:, chosen])))  # of its own motion, whatever its unit
+        largest = int(np.argmax(np.abs(diagram.shape[:, chosen])))  # in the channels' units
         rows, unlike = [], []
         for k in np.flatnonzero(diagram.cluster == i).tolist():
             each = by_order[int(diagram.order[k])]
@@ -177,7 +178,7 @@ def _row(test: AmbientTest, each: Realisation, j: int, largest: int) -> Float[np
 
 
 def _covariance(vectors: Float[np.ndarray, "B n"], poles: int, size: int) -> Float[np.ndarray, "n n"]:
-    """Return the covariance of the whole estimate, of its replicates without each block."""
+    """Return the covariance of the estimate from its replicates without each block."""
     count = len(vectors)
     apart = vectors - vectors.mean(0)
     raw = (count - 1) / count * apart.T @ apart * (float(t.isf(0.025, count - 1)) / 1.959964) ** 2
@@ -189,7 +190,7 @@ def _covariance(vectors: Float[np.ndarray, "B n"], poles: int, size: int) -> Flo
 
 
 def _uncertain(apart: Float[np.ndarray, "B k"]) -> float:
-    """Return by how much correlations are shrunk: the sum of their variances over that of their squares."""
+    """Return the shrinkage of correlations: the sum of their variances over that of their squares."""
     count, size = apart.shape
     scaled = apart / np.sqrt((apart**2).mean(0))
     products = scaled[:, :, None] * scaled[:, None]
@@ -203,32 +204,32 @@ def _uncertain(apart: Float[np.ndarray, "B k"]) -> float:
 MOST_STATES = 40
 """States of the highest order."""
 DECAYS = 5.0
-"""Decay times of the mode that calms down most slowly in a block."""
+"""Length of a block in decay times of the slowest mode."""
 BLOCKS = (10, 40)
-"""Blocks at least and at most."""
+"""Fewest and most blocks."""
 FASTEST = 100.0
-"""Rate [1/s] by which a mode calms down at most."""
+"""Largest decay rate [1/s] of a mode."""
 LEAST_DAMPED = 0.001
-"""Damping ratio below which a pole is the line of something that turns."""
+"""Damping ratio below which a pole is the line of a turning part."""
 DAMPED_SDS = 2.0
-"""Standard deviations by which a damping ratio has to lie above that, for a pole to be a mode; assumed."""
+"""Margin above that, in standard deviations of the damping ratio, for a pole to be a mode; assumed."""
 LIGHT = 0.01
-"""Damping ratio below which the line of what turns may be taken for a mode; assumed."""
+"""Damping ratio below which the line of a turning part may be mistaken for a mode; assumed."""
 VAGUE = 0.5
-"""Relative standard deviation of the damping ratio from which on a pole is no mode; assumed."""
+"""Relative standard deviation of the damping ratio from which a pole is not a mode; assumed."""
 CLOSE = 0.05
-"""Difference of two modes that are close, as a share; assumed."""
+"""Relative frequency difference of two close modes; assumed."""
 
 
 @dataclass(frozen=True)
 class OperationalModes(ModalParameters):
-    """Modes of an ambient test. Shapes are not scaled, as no force is known: one is a response that has much of it.
+    """Modes of an ambient test. Shapes are unscaled, as the force is unknown: they are one at a large response.
 
     Attributes:
-        test: of which they are.
-        blocks: of the jackknife that the covariance comes from.
-        decays: decay times, of the mode that calms down most slowly, in each of them.
-        remarks: what a reader should know.
+        test: the ambient test.
+        blocks: number of blocks in the jackknife of the covariance.
+        decays: length of a block in decay times of the slowest mode.
+        remarks: for the report.
     """
 
     test: AmbientTest
@@ -246,22 +247,22 @@ class OperationalModes(ModalParameters):
 def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None) -> OperationalModes:
     """Identify the modes of an ambient test with their joint covariance.
 
-    Poles by covariance-driven stochastic subspace identification over orders; those that last by themselves are
-    clustered as of a hammer test. A mode is the median of its cluster; leaving out one block of the record at a time
-    gives the covariance (`ident.modal.operational`).
+    Poles come from covariance-driven stochastic subspace identification over orders; stable ones are clustered as for a
+    hammer test. A mode is the median of its cluster; leaving out one block of the record at a time gives the covariance
+    (`ident.modal.operational`).
 
     Args:
         test: the correlation functions.
-        near: (m,) [Hz] overrules the choice of modes: for each the pole of the diagram that lies nearest.
+        near: (m,) [Hz] overrides the choice of modes: the nearest pole of the diagram for each.
 
     Raises:
-        InputError: no mode is found.
+        InputError: no mode.
     """
     diagram = _diagram(test) if near is None else _only(_diagram(test), near)
     remedy = "look at the band, or record for longer"
     got, any_pole = "responses without a pole that lasts over the orders", len(diagram.chosen)
     require(any_pole, "", got, "a resonance", remedy, "band")
-    damped = diagram.damping[diagram.chosen] >= LEAST_DAMPED  # lines of what turns never calm down
+    damped = diagram.damping[diagram.chosen] >= LEAST_DAMPED  # lines of turning parts never decay
     slowest = float(np.min(-diagram.pole[diagram.chosen].real, where=damped, initial=FASTEST))  # [1/s]
     blocks = int(np.clip(test.correlations.duration * slowest / DECAYS, *BLOCKS))
     tracked = block_jackknife(test, diagram, blocks)
@@ -275,7 +276,7 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
 
 
 def _sorted_out(test: AmbientTest, diagram: Diagram, tracked: Tracked) -> tuple[list[int], tuple[Rejected, ...]]:
-    """Return which poles are modes, and what the others are."""
+    """Return the poles that are modes, and the rejected ones."""
     numbers = tracked.frequency, tracked.damping, *tracked.sigma, tracked.lost
     why = [_why(test.speeds, *pole) for pole in zip(*(each.tolist() for each in numbers), strict=True)]
     for i, j in combinations(range(len(why)), 2):
@@ -301,7 +302,7 @@ def _diagram(test: AmbientTest) -> Diagram:
 
 
 def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:
-    """Return the diagram with the clusters chosen that have the poles nearest to some frequencies."""
+    """Return the diagram with a choice of the clusters nearest to some frequencies."""
     poles = chosen_near(diagram, near).chosen
     numbers = diagram.cluster[poles]
     if (numbers < 0).any():
@@ -318,7 +319,7 @@ def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:
 def _why(
     speeds: Sequence[Speed], frequency: float, damping: float, frequency_sd: float, damping_sd: float, lost: bool
 ) -> str:
-    """Say why a pole is no mode; empty where it is one."""
+    """Return why a pole is not a mode; empty for a mode."""
     if damping < LEAST_DAMPED:
         what = turning(speeds, frequency)
         known = f"as of {what}" if what else "as of something that turns: name its speed (`harmonics`)"

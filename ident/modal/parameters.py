@@ -1,4 +1,4 @@
-"""Frequencies, damping ratios and shapes of the modes of a test, and how complex the shapes are."""
+"""Frequencies, damping ratios and shapes of the modes of a test, and the complexity of the shapes."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from ident.modal.frf import ModeSet
 from ident.modal.poles import Diagram
 
 # -------- Modal parameters
-# Frequencies, damping ratios and shapes of the modes of a test, however they were measured.
+# Frequencies, damping ratios and shapes of the modes of any kind of test.
 
 
 @dataclass(frozen=True)
 class Rejected:
-    """A pole that was taken for no mode.
+    """A pole that is not a mode.
 
     Attributes:
         frequency: [Hz] undamped.
@@ -29,11 +29,11 @@ class Rejected:
 
 @dataclass(frozen=True)
 class ModalParameters(ModeSet):
-    """Modes that were identified; their frequencies are undamped, |pole| / 2 pi.
+    """Identified modes; their frequencies are undamped, |pole| / 2 pi.
 
     Attributes:
         diagram: poles over orders.
-        rejected: poles that were taken for no mode, with why.
+        rejected: poles that are not modes, with the reason.
     """
 
     diagram: Diagram
@@ -41,7 +41,7 @@ class ModalParameters(ModeSet):
 
 
 # -------- Complexity
-# How far the shape of a mode is from one that moves in phase, with what is known of it.
+# Deviation of a mode shape from motion in phase, with its uncertainty.
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class PhasePlane:
     Attributes:
         shape: (O,) [-] complex.
         covariance: (O, 2, 2) [-] of real and imaginary part of each response's motion, at this turn and scale.
-        collinearity: [-] modal phase collinearity: one where all move in phase, none where phases are spread.
+        collinearity: [-] modal phase collinearity: one for motion in phase, zero for evenly spread phases.
     """
 
     shape: Complex[np.ndarray, "O"]

@@ -17,7 +17,7 @@ from ident.errors import require
 from ident.modal.frf import Frf
 
 # -------- Modal model
-# Frequency response functions of modes with residuals of what lies outside the band, and their derivatives.
+# Frequency response functions of modes, with residuals for modes outside the band, and their derivatives.
 
 EXPONENTS = (-2, -1, 0, 2, 3, 4)
 """Powers of s in the accelerance of modes outside the band: s^2 / (s - p) in s / p for those above, in p / s below."""
@@ -25,20 +25,20 @@ EXPONENTS = (-2, -1, 0, 2, 3, 4)
 
 @dataclass(frozen=True)
 class ModalModel:
-    """Accelerances of m modes and of what lies beyond the band, at s = i omega + decay.
+    """Accelerances of m modes, with residuals for modes outside the band, at s = i omega + decay.
 
     H(s) = s^2 sum_r [P_r / (2 i b_r (s - p_r)) + c.c.] + sum_e R_e s^e
 
-    p = a + i b is a pole, P = shape participation' its residue as a product, which for a real mode is that of
-    P / (s^2 - 2 a s + a^2 + b^2). An exponential window multiplies every impulse response by exp(-decay t), so that it
-    moves s: the poles are those without a window.
+    p = a + i b is a pole and P = shape participation' its residue; a real mode is P / (s^2 - 2 a s + a^2 + b^2). An
+    exponential window multiplies every impulse response by exp(-decay t), which shifts s: the poles are those without
+    a window.
 
     Attributes:
         pole: (m,) [rad/s] complex.
         shape: (O, m) [1/kg] complex: motion of each response, scaled so that the participation is one at a reference.
         participation: (I, m) [-] complex: motion of each reference.
-        residual: (E, O, I) [s^e/kg] real, by the power of s: modes below the band move as a mass (0) and, near it, less
-            so (-1, -2); those above it give way as a spring (2) and, near it, the more so (3, 4).
+        residual: (E, O, I) [s^e/kg] real, by the power of s: modes below the band act as a mass (0), with corrections
+            near the band (-1, -2); modes above it act as a spring (2), with corrections near the band (3, 4).
 
     References:
         Ewins, "Modal Testing", 2nd ed. 2000, sections 2.4 (complex modes), 4.4 (residuals).
@@ -51,23 +51,23 @@ class ModalModel:
 
     @property
     def reference(self) -> np.ndarray:
-        """(m,) the reference at which a mode's participation is one."""
+        """(m,) driving point used for normalisation, where a mode's participation is one."""
         return np.argmin(np.abs(self.participation - 1), 0)
 
     def normalised(self) -> "ModalModel":
-        """Return the same with the participation one where it is largest."""
+        """Return the model with shapes normalised to the reference of largest participation."""
         largest = np.argmax(np.abs(self.participation), 0)
         size = np.take_along_axis(self.participation, largest[None], 0)[0]
         return ModalModel(self.pole, self.shape * size, self.participation / size, self.residual)
 
     def inside(self, frequency: Float[np.ndarray, "F"]) -> Int[np.ndarray, "k"]:
-        """Return the modes within a band [Hz], ascending in frequency; others are residuals, as near its ends."""
+        """Return the modes within a band [Hz], ascending in frequency; the others act as residuals near its ends."""
         hertz = np.abs(self.pole) / (2 * np.pi)
         order = np.argsort(hertz)
         return order[(hertz[order] >= frequency[0]) & (hertz[order] <= frequency[-1])]
 
     def without(self, mode: int) -> "ModalModel":
-        """Return the same without a mode."""
+        """Return the model without a mode."""
         shape, participation = (np.delete(x, mode, -1) for x in (self.shape, self.participation))
         return ModalModel(np.delete(self.pole, mode), shape, participation, self.residual)
 
@@ -78,7 +78,7 @@ class ModalModel:
         return residue @ own + residue.conj() @ mirror + np.einsum("eoi,ef->oif", self.residual, powers(s))
 
     def vector(self) -> Float[np.ndarray, "n"]:
-        """Return all real numbers, by mode: pole, shape, participation less the reference; then the residuals."""
+        """Return all real numbers, by mode: pole, shape, participation without the reference; then the residuals."""
         numbers = []
         for r, reference in enumerate(self.reference):
             parts = self.pole[r : r + 1], self.shape[:, r], np.delete(self.participation[:, r], reference)
@@ -105,7 +105,7 @@ class ModalModel:
         return 2 + 2 * len(self.shape) + 2 * (len(self.participation) - 1)
 
     def slopes(self, s: Complex[np.ndarray, "F"]) -> Complex[np.ndarray, "n O I F"]:
-        """Return the derivative of the accelerances by each number of the vector."""
+        """Return the derivative of the accelerances with respect to each number of the vector."""
         own, mirror = _terms(self.pole, s)
         (outputs, modes), inputs = self.shape.shape, len(self.participation)
         out = np.zeros((modes * self.size + self.residual.size, outputs, inputs, len(s)), complex)
@@ -137,44 +137,44 @@ class ModalModel:
 
 
 def powers(s: Complex[np.ndarray, "F"]) -> Complex[np.ndarray, "E F"]:
-    """Return the powers of s that residuals of modes outside the band have."""
+    """Return the powers of s in the residuals of modes outside the band."""
     return s ** np.array(EXPONENTS, float)[:, None]
 
 
 def _terms(pole: Complex[np.ndarray, "m"], s: Complex[np.ndarray, "F"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return what multiplies a residue and its conjugate (m, F)."""
+    """Return the factors on a residue and on its conjugate (m, F)."""
     pole = pole[:, None]
     factor = s**2 / (2j * pole.imag)
     return factor / (s - pole), -factor / (s - pole.conj())
 
 
 # -------- Noise
-# What scatters in frequency response functions, from the single hits: between channels, lines and along frequency.
+# Scatter of frequency response functions, from the single hits: between channels, lines and along frequency.
 
 FEWEST_HITS = 3
-"""Fewest hits of which a scatter is made."""
+"""Fewest hits to estimate a scatter."""
 SMOOTHED = 100
-"""Degrees of freedom that a smoothed variance has at least."""
+"""Least degrees of freedom of a smoothed variance."""
 COURSE = 240
 """Degrees of freedom of the scatter's course over the record, at each of its times."""
 STEADY = 1.5
-"""Largest variance at a time over the mean one where lines are independent; assumed."""
+"""Largest variance over the record, relative to the mean, up to which lines count as independent; assumed."""
 WEIGHED = SMOOTHED / (SMOOTHED - 4)
-"""By how much estimates vary more than their nominal variance, as their weights are estimated: E[1/x^2] / E[1/x] of a
-chi-squared x."""
+"""Increase of the estimates' variance over its nominal value because the weights are estimated: E[1/x^2] / E[1/x] of
+a chi-squared x."""
 FAINTEST = 1e-3
 """Least variance of a part of the record, as a share of the largest."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The covariance of averaged frequency response functions, as a product of what whitens it.
+    """The covariance of averaged frequency response functions, as a product of whitening factors.
 
     The scatter of the hits has a variance for each channel and line, a correlation between channels that is the same
-    at all lines, and one between lines that is the same in all channels: a window makes neighbours alike, as noise that
-    has a course over the record, which the inverse transform shows. Five hits alone give a covariance matrix of rank
-    four: the variances are averages over neighbouring lines, the correlations over all of them, and shrunk to none as
-    far as they are uncertain.
+    at all lines, and a correlation between lines that is the same in all channels: a window correlates neighbouring
+    lines, since the noise level then varies over the record, as the inverse transform shows. Five hits alone give a
+    covariance matrix of rank four. So variances are averaged over neighbouring lines and correlations over all lines,
+    and correlations are shrunk towards zero as far as they are uncertain.
 
     Attributes:
         sd: (K, F) [1/kg] standard deviation of each channel of the average, E|n|^2 = sd^2.
@@ -191,11 +191,11 @@ class Noise:
     course: Float[np.ndarray, "F"]
 
     def by_line(self, values: Complex[np.ndarray, "*rest K F"]) -> Complex[np.ndarray, "*rest K F"]:
-        """Return values in their standard deviations, channels independent of each other."""
+        """Return values in standard deviations, with channels decorrelated."""
         return self.channels @ (values * (1 / self.sd))
 
     def whiten(self, values: Complex[np.ndarray, "*rest K F"]) -> Float[np.ndarray, "*rest N"]:
-        """Return real and imaginary parts, in turn, of unit covariance where the values scatter as the averages do."""
+        """Return real and imaginary parts in turn, of unit covariance for values that scatter as the averages do."""
         moving = values.any(-1)  # a number of a mode moves few channels: the others need no transform
         rows = values[moving] * np.broadcast_to(math.sqrt(2) / self.sd, values.shape)[moving]
         if np.ptp(self.course):
@@ -209,7 +209,7 @@ def noise_of(frf: Frf) -> Noise:
     """Estimate the covariance of the averaged functions from the scatter of their hits.
 
     Raises:
-        InputError: there are too few hits, or some do not scatter.
+        InputError: too few hits, or hits without scatter.
     """
     hits, count = channels_of(frf.hits), len(frf.hits)
     remedy = "give the single hits: without their scatter no standard deviation is known"
@@ -231,12 +231,12 @@ def channels_of(values: Complex[np.ndarray, "*rest O I F"]) -> Complex[np.ndarra
 
 
 def smoothed(raw: Float[np.ndarray, "K F"], freedom: int, alike: float = 1.0) -> Float[np.ndarray, "K F"]:
-    """Average variances over neighbouring lines; one that stands out (the mains) keeps its own beside the average.
+    """Average variances over neighbouring lines; a prominent line (the mains) keeps its own variance.
 
     Args:
         raw: variances of single lines.
         freedom: degrees of freedom of each.
-        alike: number of neighbouring lines that tell as much as one.
+        alike: number of neighbouring lines with the information of one.
     """
     average = _average(raw, math.ceil(SMOOTHED * alike / freedom / 2) * 2 + 1)
     stands_out = raw > average * chi2.isf(1e-3 / raw.size, freedom) / freedom
@@ -248,7 +248,7 @@ def _average(raw: Float[np.ndarray, "K F"], width: int) -> Float[np.ndarray, "K 
 
 
 def _channel_factor(scaled: Complex[np.ndarray, "H K F"]) -> Complex[np.ndarray, "K K"]:
-    """Return the inverse Cholesky factor of the correlation of channels, shrunk towards none."""
+    """Return the inverse Cholesky factor of the channel correlation, shrunk towards zero."""
     _, channels, _ = scaled.shape
     rows = np.moveaxis(scaled, 1, 0).reshape(channels, -1)
     count, squared = rows.shape[1], np.abs(rows) ** 2
@@ -265,7 +265,7 @@ def _channel_factor(scaled: Complex[np.ndarray, "H K F"]) -> Complex[np.ndarray,
 
 
 def _course(scaled: Complex[np.ndarray, "H K F"]) -> Float[np.ndarray, "F"]:
-    """Return how the scatter goes over the record: the same throughout where lines are independent."""
+    """Return the course of the scatter over the record; constant where lines are independent."""
     power = (np.abs(scipy.fft.ifft(scaled, norm="ortho")) ** 2).mean((0, 1))
     freedom = 2 * (len(scaled) - 1) * scaled.shape[1]
     course = _average(power[None], 2 * math.ceil(COURSE / freedom / 2) + 1)[0]
@@ -279,7 +279,7 @@ def _course(scaled: Complex[np.ndarray, "H K F"]) -> Float[np.ndarray, "F"]:
 # Poles of frequency response functions: the poly-reference least-squares complex frequency-domain estimator.
 
 SPAN = 0.8
-"""Share of the unit circle that the band covers: of all of it, its ends would be neighbours."""
+"""Share of the unit circle that the band covers: on the full circle its ends would be neighbours."""
 
 
 @dataclass(frozen=True)
@@ -299,7 +299,7 @@ class Poles:
     transposed: bool = False
 
     def pick(self, which: np.ndarray) -> "Poles":
-        """Return some of them."""
+        """Return some of the poles."""
         return Poles(self.order, self.pole[which], self.participation[:, which], self.transposed)
 
 
@@ -330,7 +330,7 @@ class PolynomialFit:
             self.blocks.append((X.conj() @ X.T, X.conj() @ Y.T, Y.conj() @ Y.T))
 
     def poles(self, order: int) -> Poles:
-        """Return the poles of an order, in the half plane of positive frequencies or not, stable or not."""
+        """Return all poles of an order, of positive and negative frequency, stable and unstable."""
         size, inputs = order + 1, self.inputs
         total: Complex[np.ndarray, "n n"] = np.zeros((size * inputs, size * inputs), complex)
         for R, S, T in self.blocks:
@@ -376,7 +376,7 @@ def model_of(frf: Frf, noise: Noise, poles: Poles) -> ModalModel:
 def _least_squares(
     mean: Complex[np.ndarray, "A B F"], weight: Float[np.ndarray, "F"], s: Complex[np.ndarray, "F"], poles: Poles
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what each row of the functions moves by in each mode, and residuals; the columns' motion is known."""
+    """Return the motion of each row of the functions in each mode, and residuals, for given motion of the columns."""
     rows, columns, lines = mean.shape
     own, mirror = _terms(poles.pole, s)
     forward = poles.participation[:, :, None] * own
@@ -400,20 +400,20 @@ def _least_squares(
 MOST_POLES = 60
 """Poles of the highest order, about."""
 ORDERS = (8, 40)
-"""Highest order at least and at most."""
+"""Limits of the highest order."""
 MOST_DAMPED = 0.2
-"""Damping ratio beyond which a pole is none of a mode's; assumed."""
+"""Largest damping ratio of a mode's pole; assumed."""
 NEAR_POLE, NEAR_SHAPE = 0.01, 0.1
-"""How far poles of one mode are apart, as a share of their size, and how far from one their shapes' MAC is; assumed."""
+"""Typical relative distance of poles of one mode, and of their shapes' MAC from one; assumed."""
 LASTING = 0.5
-"""Share of the orders in which the pole of a mode is found at least; assumed."""
+"""Least share of the orders with a pole of a mode; assumed."""
 FEWEST = 3
-"""Orders in which a pole that may be a mode's is found at least; assumed."""
+"""Fewest orders with a pole of a possible mode; assumed."""
 
 
 @dataclass(frozen=True)
 class Diagram:
-    """Stable poles of all orders, and the cluster that each belongs to.
+    """Stable poles of all orders, and the cluster of each.
 
     Attributes:
         order: (n,) of the polynomial.
@@ -484,7 +484,7 @@ def _one_side(frf: Frf, noise: Noise, transposed: bool, size: int) -> Diagram | 
 
 
 def clustered(orders: Sequence[int], poles: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> Diagram:
-    """Return the diagram of the poles and shapes that were found with each order."""
+    """Return the diagram of the poles and shapes of each order."""
     numbers = _tracked(poles, shapes)
     each = [np.full(len(own), order) for order, own in zip(orders, poles, strict=True)]
     order, pole, shape, number = (np.concatenate(x, -1) for x in (each, poles, shapes, numbers))
@@ -493,20 +493,20 @@ def clustered(orders: Sequence[int], poles: Sequence[np.ndarray], shapes: Sequen
 
 
 def physical(pole: Complex[np.ndarray, "n"], band: tuple[float, float]) -> Bool[np.ndarray, "n"]:
-    """Tell which poles may be those of modes within a band [Hz]."""
+    """Return which poles may be modes within a band [Hz]."""
     frequency, damping = np.abs(pole) / (2 * np.pi), -pole.real / np.abs(pole)
     inside = (frequency >= band[0]) & (frequency <= band[1]) & (pole.imag > 0)
     return inside & (damping > 0) & (damping < MOST_DAMPED)
 
 
 def distance(poles: tuple[np.ndarray, np.ndarray], shapes: tuple[np.ndarray, np.ndarray]) -> Float[np.ndarray, "n m"]:
-    """Return how unlike poles with their shapes are: one where they could just be those of one mode."""
+    """Return the distance of poles with their shapes; up to one they may be the same mode."""
     apart = np.abs(poles[0][:, None] - poles[1]) / np.abs(poles[1])
     return (apart / NEAR_POLE + (1 - mac(*shapes)) / NEAR_SHAPE) / 2
 
 
 def _tracked(every: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> list[Int[np.ndarray, "n"]]:
-    """Return the number of the cluster that each pole of each order goes on with."""
+    """Return the number of the cluster that each pole of each order continues."""
     last_pole, last_shape = every[0], shapes[0]
     numbers = [np.arange(len(last_pole))]
     for pole, shape in zip(every[1:], shapes[1:], strict=True):
@@ -527,7 +527,7 @@ def _tracked(every: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> list[
 def _lasting(
     pole: np.ndarray, shape: np.ndarray, number: np.ndarray, orders: int
 ) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"], Int[np.ndarray, "p"]]:
-    """Return the clusters that last, numbered by frequency, the pole that each stands for, and those that pass."""
+    """Return the lasting clusters, numbered by frequency, the representative pole of each, and the passing poles."""
     groups = [np.flatnonzero(number == n) for n in np.unique(number)]
     lasting = [members for members in groups if len(members) >= LASTING * orders]
     passing = [members for members in groups if FEWEST <= len(members) < LASTING * orders]
@@ -540,13 +540,13 @@ def _lasting(
 
 
 def _medoid(pole: np.ndarray, shape: np.ndarray, members: np.ndarray) -> int:
-    """Return the member that is nearest to the others."""
+    """Return the member nearest to the others."""
     own = pole[members], shape[:, members]
     return int(members[distance((own[0], own[0]), (own[1], own[1])).sum(0).argmin()])
 
 
 def _with(first: Diagram, second: Diagram) -> Diagram:
-    """Return both, with the clusters of the second where the first has none within the resonance."""
+    """Merge two diagrams: add the second's clusters where the first has none within the resonance."""
     poles, others = first.pole[first.chosen], second.pole[second.chosen]
     apart = np.abs(others[:, None] - poles)
     new = np.flatnonzero(~(apart < 2 * (np.abs(poles.real) + np.abs(others.real)[:, None])).any(1))

@@ -1,4 +1,4 @@
-"""A file of a modal test in SI: force and responses, each with its place, as the channel table says."""
+"""A file of a modal test in SI: force and responses, each with its place from the channel table."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,14 +28,14 @@ from ident.text import did_you_mean, one_line, quoted
 from ident.units import GRAVITIES, POUNDS, STANDARD_GRAVITY
 
 # -------- Units
-# What the numbers of a channel are in SI: by the channel table and the file, never by a guess.
+# The numbers of a channel in SI, by the channel table and the file, never by a guess.
 
 _MOTION = "m/s^2, g_0, m/s or mm"
 EXAMPLES = {"force": "N", "response": _MOTION, "reference": _MOTION, "time": "s"}
 
 
 def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
-    """Return what a channel measures and SI units per number of its file, see `ChannelRow.scale`."""
+    """Return the quantity of a channel and SI units per number of its file, see `ChannelRow.scale`."""
     possible = (row.quantity,) if row.quantity else QUANTITIES[row.role]
     named = "displacement" if row.quantity == "length" else row.quantity or row.role
     return row.scale(unit, possible, named, EXAMPLES[row.role])
@@ -44,13 +44,13 @@ def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
 # -------- Sources
 
 ORDER = {"acceleration": 0, "velocity": 1, "length": 2}
-"""How often a response is differentiated to give an acceleration."""
+"""Number of differentiations from a response to an acceleration."""
 SAME = 1e-6
-"""Relative difference of two rates that are the same."""
+"""Relative difference of two rates treated as equal."""
 TOGETHER = 1e-3
-"""Share of a step by which samples of two channels may be apart and count as taken together; assumed."""
+"""Delay between two channels, as a share of a step, treated as none; assumed."""
 STEPS = (1e-9, 1e3)
-"""Sampling intervals [s], or distances of lines [Hz], that can be meant: a rate of 1 mHz shows no vibration."""
+"""Plausible sampling intervals [s], or distances of lines [Hz]: a rate of 1 mHz shows no vibration."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ class Response:
     """One measured response in SI.
 
     Attributes:
-        place: where and along what.
+        place: point and direction.
         values: (B, T) [m/s^2, m/s or m] samples; of frequency responses (B, F) [the same / N].
-        order: how often it is differentiated to give an acceleration.
-        full_scale: [SI] of its input, None where it is not known.
+        order: number of differentiations to an acceleration.
+        full_scale: [SI] of its input, None if unknown.
         channel: its name in the file.
-        late: (B,) [s] by which its samples are taken after those of the force, less than a step; None for not at all.
+        late: (B,) [s] delay of its samples after those of the force, less than a step; None for no delay.
     """
 
     place: Place
@@ -76,13 +76,13 @@ class Response:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A file, and the state of the arm that it is of.
+    """A file, and the state of the arm in it.
 
     Attributes:
         file: its name, for messages.
         posture: (joints,) [rad]
         load: the load case, sensors included.
-        drives: what held the motors.
+        drives: state of the drives.
     """
 
     file: str
@@ -92,23 +92,23 @@ class Recorded:
 
     @property
     def state(self) -> tuple[tuple[float, ...], Load, str]:
-        """At what posture, under what load and held by what it was measured."""
+        """Posture, load and state of the drives."""
         return self.posture, self.load, self.drives
 
 
 @dataclass(frozen=True)
 class Source(Recorded):
-    """What one file measured at one state of the arm by one force.
+    """Records of one file at one state of the arm, excited by one force.
 
     Attributes:
         decay: [1/s] of a window that the analyser has applied.
         step: [s] between samples, or [Hz] between lines.
         start: [Hz] first line of frequency responses.
-        reference: where the force acts.
+        reference: point and direction of the force.
         force: (B, T) [N] samples; None for finished frequency responses.
-        full_scale: [N] of the force's input, None where it is not known.
-        responses: what answered.
-        remarks: what a reader should know.
+        full_scale: [N] of the force's input, None if unknown.
+        responses: the measured responses.
+        remarks: for the report.
     """
 
     decay: float
@@ -122,14 +122,14 @@ class Source(Recorded):
 
 
 def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[Source, ...]:
-    """Return what the files of a test measured, but for finished modes; the table's directions are of the base frame.
+    """Return the records of a test's files, without finished modes; the table's directions are in the base frame.
 
     Args:
         table: the channel table.
-        recordings: by the name that the table may give them.
+        recordings: by file name.
 
     Raises:
-        InputError: table and files do not fit together, a unit, a rate or a force is missing, values are no numbers.
+        InputError: table and files do not match, a unit, a rate or a force is missing, or values are not numbers.
     """
     problems, found = list[Problem](), list[Source]()
     for pattern, row in {row.file: row for row in reversed(table.rows)}.items():
@@ -150,7 +150,7 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
 
 
 def _nodes_alone(name: str, rows: list[ChannelRow], recordings: Mapping[str, Recording]) -> Iterator[Problem]:
-    """Yield what is wrong where a table names a file of nodes; a pattern may take it along with the records."""
+    """Yield the problem of a row that names a file of nodes only; a pattern may include one along with the records."""
     measured = [other for other, each in recordings.items() if each.names]
     named = [row for row in rows if row.counts and not any(fnmatchcase(other, row.file) for other in measured)]
     if named:
@@ -178,7 +178,7 @@ def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterato
 def _source(
     name: str, force: ChannelRow, rows: list[ChannelRow], every: list[ChannelRow], recording: Recording
 ) -> Source:
-    """Return what a file measured of one force."""
+    """Return the records of a file for one force."""
     finished = has_responses(rows, recording)
     reference = force.channel if finished else ""
     by_name = {each.name: each for each in recording.channels if each.reference == reference}
@@ -208,7 +208,7 @@ _CABLE = "look at the cable of the hammer, and which channel of the file is the 
 
 
 def _unit_remarks(rows: Sequence[ChannelRow], units: Mapping[str, str]) -> Iterator[str]:
-    """Yield which units of the file, by channel, have been read as something that they mean only here."""
+    """Yield remarks on the file's ambiguous units, such as g or lb, with the meaning used here."""
     meant = {**dict.fromkeys(GRAVITIES, f"standard gravity, {STANDARD_GRAVITY} m/s^2"), **dict.fromkeys(POUNDS, "lbf")}
     for row in rows:
         written = row.unit or units[row.channel]
@@ -217,7 +217,7 @@ def _unit_remarks(rows: Sequence[ChannelRow], units: Mapping[str, str]) -> Itera
 
 
 def has_responses(rows: Iterable[ChannelRow], recording: Recording) -> bool:
-    """Tell whether the channels of a file that count are frequency responses: samples may lie beside them."""
+    """Whether the used channels of a file are frequency responses; it may hold samples as well."""
     named = {row.channel for row in rows if row.counts}
     return any(channel.reference for channel in recording.channels if channel.name in named)
 
@@ -225,7 +225,7 @@ def has_responses(rows: Iterable[ChannelRow], recording: Recording) -> bool:
 def _responses(
     name: str, rows: Sequence[ChannelRow], channels: Iterable[Channel], late: Iterable[Any], below: float = 1.0
 ) -> Iterator[Response]:
-    """Yield what channels measured, in SI, of frequency responses over the SI units of the force."""
+    """Yield the responses in SI; frequency responses are divided by the SI factor of the force."""
     for row, channel, behind in zip(rows, channels, late, strict=True):
         quantity, factor = quantity_and_factor(row, channel.unit)
         values = finite(name, channel) * (factor / below)
@@ -239,7 +239,7 @@ def _responses(
 def aligned(
     name: str, rows: Sequence[ChannelRow], channels: Sequence[Channel], step: float
 ) -> tuple[Sequence[Channel], Sequence[np.ndarray | None]]:
-    """Return the channels of a file cut to the span that all of them have; those that start together stay as they are.
+    """Return the channels of a file, cut to their common span unless they start together.
 
     Args:
         name: the file's.
@@ -248,11 +248,11 @@ def aligned(
         step: [s or Hz] of all of them.
 
     Returns:
-        The channels, and for each (B,) [s] by which its samples are still taken after those of the first channel, from
-        minus half a step to half a step; None for not at all.
+        The channels, and for each (B,) [s] the remaining delay of its samples after those of the first channel, from
+        minus half a step to half a step; None for no delay.
 
     Raises:
-        InputError: they have different numbers of blocks, different lengths, or no span, or lines, in common.
+        InputError: the channels differ in number of blocks or in length, or have no common span or lines.
     """
     where = rows[0].where
     _check_blocks(name, where, channels)
@@ -279,7 +279,7 @@ def aligned(
 
 
 def _check_blocks(name: str, where: str, channels: Sequence[Channel]) -> None:
-    """Refuse channels of which some have more blocks than others: one label may stand for several sensors."""
+    """Refuse channels with different numbers of blocks: one label may stand for several sensors."""
     most, fewest = (pick(channels, key=lambda each: len(each.values)) for pick in (max, min))
     if len(most.values) > len(fewest.values):
         got = f"{len(most.values)} blocks of {quoted(most.name)} and {len(fewest.values)} of {quoted(fewest.name)}"
@@ -289,7 +289,7 @@ def _check_blocks(name: str, where: str, channels: Sequence[Channel]) -> None:
 
 
 def _apart(name: str, where: str, channels: Sequence[Channel], starts: np.ndarray, step: float) -> Problem:
-    """Return what is wrong with channels without a common span, or lines that are not the same."""
+    """Return the problem of channels without a common span, or with different lines."""
     block = int(np.argmax(np.ptp(starts, 0)))
     first, last = int(np.argmin(starts[:, block])), int(np.argmax(starts[:, block]))
     unit = "Hz" if channels[0].reference else "s"
@@ -301,7 +301,7 @@ def _apart(name: str, where: str, channels: Sequence[Channel], starts: np.ndarra
 
 
 def _full_scale(row: ChannelRow) -> float | None:
-    """Return the full scale in SI; it has the unit of the table, which then must have one."""
+    """Return the full scale in SI; it has the unit of the table, which must then be filled in."""
     if row.full_scale is None:
         return None
     require(row.unit, row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit")
@@ -314,7 +314,7 @@ def _place(row: ChannelRow) -> Place:
 
 
 def finite(name: str, channel: Channel) -> np.ndarray:
-    """Return the values of a channel, all of which must be numbers."""
+    """Return the values of a channel; refuse any that is not a number."""
     wrong = np.argwhere(~np.isfinite(channel.values))
     if len(wrong):
         where = f"{one_line(name)}, block {wrong[0, 0] + 1}, sample {wrong[0, 1] + 1}"
@@ -327,7 +327,7 @@ _USABLE = "samples over time, or complex frequency responses with their frequenc
 
 
 def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None:
-    """Refuse rows of channels that a file has not, that are flawed, or that stand twice."""
+    """Refuse rows with channels that are missing in the file, flawed, or repeated."""
     problems = []
     for row in rows:
         if row.channel not in recording.names and row.role != IGNORED:
@@ -347,7 +347,7 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
 
 
 def check_state(rows: list[ChannelRow]) -> None:
-    """Refuse a file whose rows say different postures, loads, states of the drives or windows."""
+    """Refuse a file whose rows differ in posture, load, state of the drives or window."""
     for field, column in (("posture", "q1"), ("load", "load"), ("drives", "drives"), ("decay", "decay")):
         got, remedy = f"another {field} than the file's first row", "a file is of one state of the arm"
         for row in rows:
@@ -357,7 +357,7 @@ def check_state(rows: list[ChannelRow]) -> None:
 def sampling_step(
     name: str, rows: list[ChannelRow], recording: Recording, used: Iterable[Channel], finished: bool = False
 ) -> float:
-    """Return the step of a file's channels, which must be one, by the file or else by the table."""
+    """Return the common step of a file's channels, from the file, or from the table if the file has none."""
     said = {channel.step for channel in used if channel.step}
     times = [row for row in rows if row.role == TIME]
     if times:
@@ -387,19 +387,19 @@ def sampling_step(
 
 
 # -------- Records
-# Files of an ambient test in SI: responses to forces that nobody measured, as the channel table says.
+# Files of an ambient test in SI: responses to unmeasured forces, described by the channel table.
 
 
 @dataclass(frozen=True)
 class Record(Recorded):
-    """What one file recorded at one state of the arm, without a force.
+    """Record of one file at one state of the arm, without a force.
 
     Attributes:
         step: [s] between samples.
-        responses: what was measured.
-        references: rows of the responses with which all are correlated.
-        speeds: what turned.
-        remarks: what a reader should know.
+        responses: the measured responses.
+        references: indices of the reference responses, for the correlation with all others.
+        speeds: turning parts and their speeds.
+        remarks: for the report.
     """
 
     step: float
@@ -410,7 +410,7 @@ class Record(Recorded):
 
 
 def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> frozenset[str]:
-    """Return the recordings of samples at states of the arm of which no file has a force."""
+    """Return the recordings of samples at those states of the arm without a force in any file."""
     counting = {}
     for name, recording in recordings.items():
         rows = [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
@@ -425,10 +425,10 @@ def _state(row: ChannelRow) -> tuple[tuple[float, ...], Load, str]:
 
 
 def records(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[Record, ...]:
-    """Return what files of ambient tests recorded; directions of the table have to be those of the base frame.
+    """Return the records of ambient tests; directions of the table must be in the base frame.
 
     Raises:
-        InputError: table and files do not fit together, a unit or a rate is missing, values are no numbers.
+        InputError: table and files do not match, a unit or a rate is missing, or values are not numbers.
     """
     return tuple(every(lambda name: _record(name, table, recordings[name]), recordings))
 
@@ -455,5 +455,5 @@ def _record(name: str, table: ChannelTable, recording: Recording) -> Record:
 
 
 def is_finished(recording: Recording) -> bool:
-    """Tell whether a file has modes only; functions beside them are identified again."""
+    """Whether a file has modes only; if it has functions too, these are identified again."""
     return bool(recording.shapes) and not recording.channels

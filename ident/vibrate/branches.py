@@ -124,7 +124,7 @@ class _Step(NamedTuple):
     mac: np.ndarray
 
     def weakest(self, before: np.ndarray, count: int) -> float:
-        """Return the least MAC of what is among the lowest modes before or after."""
+        """Return the least MAC of modes that are among the lowest ones before or after."""
         return float(self.mac[(before < count) | (self.place < count)].min())
 
 
@@ -313,7 +313,7 @@ def _modes(
 
 
 def _damping_ratios(chain: Chain, shape: Array, omega: Array) -> Float[Array, "m *batch"]:
-    """Return the damping ratios of some modes, of which damping couples those that are near: see `structural`."""
+    """Return the damping ratios of some modes; damping couples close modes: see `structural`."""
 
     def between(lost: Array) -> Float[Array, "m m *batch"]:
         moment = matvec(lost[..., None], shape)
@@ -359,11 +359,11 @@ class LabelChange:
 
 @dataclass(frozen=True)
 class Veering:
-    """Branches that exchange their shapes more quickly than the postures resolve: what continues what is not known.
+    """Branches that exchange their shapes faster than the postures resolve, so that their continuation is unknown.
 
     Attributes:
         time: () [s]
-        branches: those whose shapes do not continue.
+        branches: branches whose shapes do not continue.
         mac: () [-] least MAC of successive shapes.
     """
 

@@ -17,7 +17,7 @@ from ident.vibrate.variable import Extents, check
 STARTS = 3
 """Starts, the arm as it is among them."""
 SAME = 1e-4
-"""Difference of amplitudes, as a share, that is none; assumed."""
+"""Relative difference of amplitudes treated as equal; assumed."""
 ALIKE = 0.01
 """Difference of amplitudes, as a share, up to which optima are one before the worst phases are searched for;
 assumed."""
@@ -59,13 +59,13 @@ class Design:
     """A redesign.
 
     Attributes:
-        evaluator: what was changed and simulated.
-        required: what had to be met.
-        limit: () [m] wanted amplitude; None for the least.
-        present: the arm as it is.
-        best: what is proposed: with a limit the least change that keeps it, where that can be; with draws besides the
-            least probability of exceeding it; else the least amplitude.
-        optima: what each start has led to, the least amplitude first.
+        evaluator: the arm, its variables and the measure.
+        required: the requirements.
+        limit: () [m] required amplitude; None for the least.
+        present: the present arm.
+        best: the proposal: with a limit the least change that keeps it, if possible; with limit and draws the least
+            probability of exceeding it; otherwise the least amplitude.
+        optima: the optimum from each start, the least amplitude first.
         curve: amplitude at several change norms, ascending, each less than the one before; the present and the least
             amplitude are its ends. Between them it is least with the phases that are worst at present.
         minimum_change: least change norm that keeps the limit; None without limit, where it can't be kept, and with

@@ -1,8 +1,8 @@
-"""How a redesign is searched: objective, constraints, and the search from several starts.
+"""Search for a redesign: objective, constraints, and the search from several starts.
 
-Where phases are not known, the amplitude is the largest over them: at each moment a sum of what each phase can give,
-which has slopes like any other amplitude, at the cost of two simulations a phase (`simulate`, "Superposition"). A first
-search keeps the phases with which the arm as it is vibrates most.
+With unknown phases, the amplitude is the largest over them: at each moment the sum of each phase's largest part, with
+slopes like any other amplitude, at the cost of two simulations per phase (`simulate`, "Superposition"). A first search
+uses the worst phases of the present arm.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,13 +25,13 @@ from ident.vibrate.evaluator import Evaluator, ends, worst_state
 from ident.vibrate.variable import Variable, apply
 
 # -------- Objective
-# What a design minimises and keeps within limits: functions of scaled changes, with exact slopes.
+# Objective and constraints of a design: functions of scaled changes, with exact slopes.
 
 BLUR = 0.05
 """Width in ln(amplitude) over which a draw passes from below the limit to above it, so that there is a slope;
 assumed."""
 CACHED = 64
-"""Results that are remembered: an optimiser asks for the same several times."""
+"""Cached results: an optimiser evaluates the same point several times."""
 
 Point = Float[np.ndarray, "V"]
 Function = Callable[[Point], tuple[float, Point]]
@@ -84,7 +84,7 @@ class Objective:
         return float(self.parts(u)[0].max())
 
     def parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
-        """Return the parts of which that is the largest [m], and their slopes."""
+        """Return the parts [m] whose maximum is the largest amplitude, and their slopes."""
         return self._remembered(Objective._parts, u.tobytes())
 
     def end_state(self, u: Point) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 V"]]:
@@ -97,7 +97,7 @@ class Objective:
 
     @cached_property
     def _remembered(self) -> Callable[..., Any]:
-        """Computes something at a place, or remembers it; searches side by side may share it."""
+        """Cached evaluation at a point; parallel searches may share it."""
         return lru_cache(CACHED)(lambda compute, u, *more: compute(self, np.frombuffer(u), *more))
 
     def _parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
@@ -138,7 +138,7 @@ def _end_state_slopes(
 # What a design must meet: least first frequency, largest deflection, largest change.
 
 SLACK = 1e-6
-"""By how much a requirement may be missed, of its size."""
+"""Relative tolerance on a requirement."""
 
 
 @dataclass(frozen=True)
@@ -200,11 +200,11 @@ def are_met(rows: list[Constraint], u: Point) -> bool:
 APART = 0.25
 """Least distance of two starts, in units of the bounds."""
 FEW = 3
-"""Places from which one that keeps the requirements is searched for."""
+"""Starts of the search for a point that meets the requirements."""
 CLOSE = 1e-7
 """Relative change of the amplitude at which an optimum counts as reached."""
 CLOSE_ENOUGH = 1e-5
-"""Change of the squared change norm at which the least change counts as reached: as with 1e-7 to five digits on
+"""Change of the squared change norm at which the least change counts as reached: agrees with 1e-7 to five digits on
 the shipped arm, in two thirds of the simulations."""
 ITERATIONS_WITH_DRAWS = 12
 """Iterations at most where each costs as many simulations as there are draws."""
@@ -232,7 +232,7 @@ class Search:
         return Objective.of(self.evaluator)
 
     def with_phases(self) -> "Search":
-        """Return the search in which the arm has the phases with which, as it is, it vibrates most."""
+        """Return the search with the worst phases of the present arm."""
         own = self.objective.evaluator
         if not own.unknown:
             return self
@@ -240,7 +240,7 @@ class Search:
         return replace(self, evaluator=replace(own, arm=own.arm.replace(phases), unknown=()))
 
     def minimum_amplitude(self, start: Point, change_norm: float = np.inf) -> Point | None:
-        """Return the place of the least largest amplitude; None where the search ends at none that is allowed.
+        """Return the point that minimises the largest amplitude; None if the search ends at an infeasible point.
 
         The largest of the parts is the least bound t above all of them: t is one more unknown.
         """
@@ -266,9 +266,9 @@ class Search:
         return min(candidates, key=lambda u: self.objective.log_odds(u, limit)[0])
 
     def can_be_met(self, seed: int) -> bool:
-        """Tell whether some place keeps the requirements, without a simulation: what is in vain is told at once.
+        """Whether some point meets the requirements, without a simulation, to stop a futile search early.
 
-        Of places all over the bounds, and from those that miss least by a search for the nearest that misses nothing.
+        Checks points all over the bounds, then searches for a feasible point from those with the smallest violation.
         """
         rows = constraints(self.objective, self.required)
         places = np.vstack([0 * self.objective.scale, self.spread(seed)])
@@ -282,14 +282,14 @@ class Search:
         return bool((missed <= 0).any()) or any(are_met(rows, nearest(places[k])) for k in np.argsort(missed)[:FEW])
 
     def _missed(self, places: Float[np.ndarray, "places V"]) -> Float[np.ndarray, "places"]:
-        """Return by which share of itself a requirement is missed at most; infinite where the arm collapses."""
+        """Return the largest relative violation of a requirement; infinite where the arm collapses."""
         ends, required = self.evaluator.end_states(places * self.objective.scale), self.required
         frequency = 1 - np.asarray(ends.frequency) / required.frequency if required.frequency > 0 else 0 * places[:, 0]
         missed = np.maximum(frequency, np.asarray(ends.deflection) / required.deflection - 1)
         return np.where(np.isfinite(missed), missed, np.inf)
 
     def starts(self, count: int, seed: int) -> list[Point]:
-        """Return the arm as it is, and those of some places that are apart and have the least amplitude."""
+        """Return the present arm, and the quietest of well-separated trial points."""
         scale = self.objective.scale
         chosen = [np.zeros(len(scale))]
         if count > 1:
@@ -324,7 +324,7 @@ class Search:
 # -------- Least change
 
 MARGIN = 1e-3
-"""Share by which the least change keeps a limit better than asked for: the fast method differs less, mostly."""
+"""Relative margin of the least change to its limit: the error of the fast method is mostly smaller."""
 
 
 def minimum_change(search: Search, starts: Sequence[Point], limit: float) -> Point | None:
@@ -333,7 +333,7 @@ def minimum_change(search: Search, starts: Sequence[Point], limit: float) -> Poi
     Args:
         search: for it.
         starts: of least amplitude; the first one of all.
-        limit: [m], kept by `MARGIN` more than asked for: it shall hold by the exact equations, and as it is printed.
+        limit: [m], tightened by `MARGIN` so that it holds for the exact equations, and as printed.
     """
     objective, wanted, still = search.objective, limit * (1 - MARGIN), np.zeros_like(starts[0])
     if objective.largest(still) <= limit:

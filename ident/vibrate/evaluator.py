@@ -1,4 +1,4 @@
-"""An arm is changed and simulated over and over, whichever of its numbers change by one compiled program."""
+"""Repeated changes and simulations of an arm, with one compiled program whichever numbers change."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -47,7 +47,7 @@ from ident.vibrate.simulate import (
 from ident.vibrate.variable import Variable, apply
 
 # -------- End states
-# The arm at both ends of a motion: what a change does to it besides its vibration.
+# The arm at both ends of a motion: effects of a change other than vibration.
 
 
 class EndState(NamedTuple):
@@ -55,7 +55,7 @@ class EndState(NamedTuple):
 
     Attributes:
         frequency: (*batch) [Hz]
-        deflection: (*batch) [m] how far the end point lies from its place on rigid joints.
+        deflection: (*batch) [m] distance of the end point from its position on rigid joints.
     """
 
     frequency: Float[AnyArray, "*batch"]
@@ -81,13 +81,13 @@ def worst_state(arm: Arm, posture: Float[AnyArray, "driven ends"], loads: Loads 
 # Exact slopes of an amplitude by numbers of an arm: three programs for all evaluators of an arm, a motion, a measure.
 
 WIDTH = 3
-"""Derivatives that are pushed forward together: with more variables the same program runs several times."""
+"""Forward derivatives computed together: with more variables the same program runs several times."""
 
 
 def directions_of(
     numbers: Mapping[str, Float[np.ndarray, ""]], variables: Sequence[Variable]
 ) -> dict[str, Float[np.ndarray, "WIDTH"]]:
-    """Return how the numbers of an arm change with each variable; zero for those that fill up."""
+    """Return the derivatives of an arm's numbers by each variable; zero for padding."""
     ways = {path: np.zeros(WIDTH) for path in numbers}
     for k, variable in enumerate(variables):
         for path in variable.paths:
@@ -153,9 +153,9 @@ def vibration_along(
 
 
 def places_of(measure: Amplitude, size: Float[np.ndarray, "3 T"]) -> Int[np.ndarray, "3 more"] | None:
-    """Return the samples of which a peak is the largest, of each window and direction; None for all (an RMS).
+    """Return the sample of the largest peak in each window and direction; None for all samples (an RMS).
 
-    There may be more windows than `measure.count`, of which the last ones mean nothing.
+    There may be more windows than `measure.count`; the last ones are padding.
     """
     if measure.measure == "rms":
         return None
@@ -174,8 +174,8 @@ def with_slopes(
 
     Args:
         measure: the amplitude.
-        parts: what is sure `(3, T)`, and each phase's parts of cosine and sine `(U, 3, T)` there, see `parts_of`.
-        changing: how they change with each variable, `(V, 3, T)` and `(U, V, 3, T)`.
+        parts: the known part `(3, T)`, and each phase's parts of cosine and sine `(U, 3, T)` there, see `parts_of`.
+        changing: their derivatives by each variable, `(V, 3, T)` and `(U, V, 3, T)`.
     """
     sure, cosine, sine = parts
     way, of_cosine, of_sine = changing
@@ -205,9 +205,9 @@ class Evaluator:
     enter the programs as arguments, so that all evaluators of an arm, a motion and a measure share them.
 
     Attributes:
-        arm: as it is.
+        arm: the present arm.
         motion: the commanded motion.
-        variables: what is changed.
+        variables: the changed numbers.
         measure: of the vibration, see `simulate.MEASURES`.
         draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`. Where no drive of the
             arm has a transmission error, none of a draw has.
@@ -237,7 +237,7 @@ class Evaluator:
 
     @property
     def alone(self) -> "Evaluator":
-        """The same of the arm itself, without draws."""
+        """The evaluator of the arm itself, without draws."""
         return replace(self, draws={})
 
     @property
@@ -247,7 +247,7 @@ class Evaluator:
 
     @property
     def how(self) -> dict[str, Any]:
-        """What a simulation takes besides arm and motion."""
+        """Arguments of a simulation other than arm and motion."""
         return {"loads": self.loads, "elastic_belts": self.elastic_belts, "rate": self.rate, "step": self.step}
 
     @property
@@ -300,10 +300,10 @@ class Evaluator:
         return min(step_for(arms, self.motion) for arms in groups)
 
     def slopes(self, change: Float[np.ndarray, "V"]) -> tuple[Float[np.ndarray, "3 W 1"], Float[np.ndarray, "V 3 W 1"]]:
-        """Return the parts of which an amplitude is the largest, and their exact derivatives by the changes.
+        """Return the parts whose maximum is the amplitude, and their exact derivatives by the changes.
 
-        A part is the largest sample of a window, with the phases that make it largest: of each sample others, and so
-        are the slopes (Danskin, "The theory of max-min", 1967). An RMS is one part.
+        A part is the largest sample of a window, at the phases that maximise that sample; the slopes are those at these
+        phases (Danskin, "The theory of max-min", 1967). An RMS is one part.
 
         Args:
             change: of each variable.
@@ -314,7 +314,7 @@ class Evaluator:
     def slopes_of_draws(
         self, change: Float[np.ndarray, "V"]
     ) -> tuple[Float[np.ndarray, "3 W D"], Float[np.ndarray, "V 3 W D"]]:
-        """Return the same of each of the draws, each with its phases."""
+        """Return the same for each draw, with its own phases."""
         numbers = self.batch(change[None])
         each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(1, self.size)]
         return self._slopes(change, each, ({},))
@@ -370,7 +370,7 @@ class Evaluator:
     def _measured(
         self, numbers: Mapping[str, np.ndarray], unknown: tuple[str, ...], solve: FastMethod
     ) -> Float[np.ndarray, "3 some"]:
-        """Return the amplitudes of some arms over the phases that are not known."""
+        """Return the amplitudes of some arms over the unknown phases."""
 
         def measured(vibration: Float[np.ndarray, "3 T sets"]) -> Float[np.ndarray, "3"]:
             refuse_collapse(self.motion, vibration)

@@ -4,11 +4,11 @@ With y = y_r(t) + x, y_r the static equilibrium at the posture of the moment:
 
     M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
 
-M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
-masses; f has them all, and the transmission error to first order. What is left out is of second order in x and in the
-excitation. Whatever follows the posture alone is smooth and interpolated within each time interval, the method's
-transition matrices too. The method is Gauss's of order six, which follows slow modes closely and stays stable for fast
-ones.
+M, D, K are the residual's exact derivatives there, with gyroscopic and centrifugal terms, without rotating unbalance; f
+includes all of it, and the transmission error to first order. Neglected terms are of second order in x and in the
+excitation. Quantities of the posture alone are smooth and interpolated within each time interval, including the
+method's transition matrices. The integration is Gauss's method of order six, which is accurate for slow modes and
+stable for fast ones.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
@@ -79,7 +79,7 @@ from ident.vibrate.response import Response
 # Springs that are no straight lines, in motion: where the fast method may take their tangent, and what passes T1.
 
 MISSED = 0.02
-"""Share of a bushing's moment of vibration by which its tangent may miss its curve, for the fast method; assumed."""
+"""Largest error of a spring's tangent in the fast method, relative to the bushing's vibration moment; assumed."""
 
 
 class LeavesTangentError(InputError):
@@ -205,15 +205,15 @@ def lowest_frequencies(arm: Arm, posture: Float[AnyArray, "driven *t"], loads: L
 def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, linear: Linear) -> Fast:
     """Integrate the linearised equations, with what excites the arm, from rest at the first break of the motion.
 
-    Intervals that start at infinity, and steps beyond those of an interval, are left out: what is filled up to one of
-    few sizes takes no time, and one program serves many motions.
+    Intervals that start at infinity, and steps beyond those of an interval, are skipped: padding to a few standard
+    sizes costs no time, and one program serves many motions.
 
     Args:
         model: the arm's multibody model under its load, gathered with `rank=1`.
         motion: the commanded motion.
         grid: the time intervals; their steps are the method's.
         at: weights for so many steps.
-        linear: the equations without what excites, see `linearised`.
+        linear: the equations without excitation, see `linearised`.
     """
     first, chunks = grid.start[0], jax.tree.map(jnp.asarray, (at.within, at.middles, at.in_steps, at.stages))
 
@@ -377,7 +377,7 @@ class FastMethod(eqx.Module):
             arm: the arm.
             linear: its linearised equations.
             solved: their solution.
-            time: (T,) [s] the samples when None; what is behind these means nothing.
+            time: (T,) [s] by default the samples, beyond which the result is padding.
         """
         model = self.model(arm)
 
@@ -460,7 +460,7 @@ def end_point_of(
 Numbers = dict[str, Any]
 """Numbers of an arm by path: arrays, for each of some arms, or for each of some sets of what excites one."""
 Keep = Callable[[FastMethod, Arm, Linearised, Fast], Any]
-"""What is kept of a solution."""
+"""Selects the results to keep from a solution."""
 
 
 def numbers_of(arm: Arm) -> dict[str, AnyArray]:
@@ -534,10 +534,10 @@ def each_of(
         arm: the arm.
         numbers: all of it, by path.
         solve: the fast method.
-        keep: gives what is kept at the samples, arrays of rows and times, as `FastMethod.vibration` does.
+        keep: returns the results to keep at the samples, arrays of rows and times, as `FastMethod.vibration` does.
         sets: numbers of what excites the arm, by path, the height of eccentric masses too: the linearised equations are
             without these. What a set lacks is the arm's own.
-        gather: gives what is kept of what an arm's sets have given, whose axis is the last.
+        gather: reduces the results of an arm's sets, which are on the last axis.
     """
     samples, count = int(solve.samples), len(next(iter(numbers.values())))
     if is_traced(jax.tree.leaves((arm, numbers, solve))):
@@ -594,7 +594,7 @@ def at_once(jobs: Sequence[Callable[[], Any]]) -> list[Any]:
 
 @jit
 def _traced(arm: Arm, numbers: Numbers, solve: FastMethod, keep: Keep, own: Numbers) -> Any:
-    """Return what is kept of each arm, arms first, all by one program: for one that is traced or differentiated."""
+    """Return the kept results of each arm, arms first, all by one program: for tracing and differentiation."""
 
     def one(values: Numbers) -> Any:
         changed = arm.replace(values | own)
@@ -626,7 +626,7 @@ def _excited(arm: Arm, values: Numbers, sets: Numbers, solve: FastMethod, linear
 def sampled_for(
     arm: Arm, values: Numbers, sets: Numbers, solve: FastMethod, linear: Linearised, solved: Fast, keep: Keep
 ) -> Any:
-    """Return what is kept of each of some sets, the first axis: one after another, for their values fill the cache."""
+    """Return the kept results of each set, on the first axis: computed in turn, as the values of one fill the cache."""
 
     def one(given: tuple[Numbers, Fast]) -> Any:
         return keep(solve, _with(arm, values, given[0]), linear, given[1])

@@ -31,7 +31,7 @@ class Limits:
     Attributes:
         misfit: share m of an amplitude to which the model of a hypothesis is right.
         seen: least share of the energy that it must explain.
-        sure: least probability with which it is told from its rivals.
+        sure: least probability, against its competitors, to count as identified.
     """
 
     misfit: float

@@ -1,6 +1,6 @@
 """The equations of motion linearised about the quasi-static deflection, at the nodes of time intervals: see `fast`.
 
-The same whatever the sizes and phases of what excites the arm, so that they serve many simulations.
+They do not depend on amplitude or phase of the excitation, and so serve many simulations.
 """
 
 from collections.abc import Callable
@@ -39,16 +39,16 @@ from ident.programs import AnyArray, library
 from ident.vibrate.motion import Motion, command, last_before
 
 # -------- Few sizes
-# Arrays of few sizes, so that one compiled program serves many lengths: no steps are made where one is filled up.
+# Pad to a few standard sizes, so that one compiled program serves many lengths; padded steps are skipped.
 
 PIECES, POWERS = 32, 14
 """Least number of pieces and of powers of a motion: a stroke has no more, whatever its profile."""
 AFTER = 1e6
-"""When a motion's pieces begin that are none [s]; each lasts as long."""
+"""Start [s] of the padding pieces of a motion, and their length."""
 
 
 def ladder(count: int, least: int, growth: int = 4) -> int:
-    """Return the size for so many: the least one, or that times a power of the growth."""
+    """Return the padded size that holds `count` entries: the least one, times a power of the growth."""
     size = least
     while size < count:
         size *= growth
@@ -58,9 +58,9 @@ def ladder(count: int, least: int, growth: int = 4) -> int:
 def where(
     real: Callable[[Any], Array], body: Callable[[Any, Any], tuple], *shapes: tuple[int, ...]
 ) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """Return a body of `jax.lax.scan` that does nothing where what is given is not real.
+    """Return a body of `jax.lax.scan` that skips padding.
 
-    There its results, arrays of these shapes, are zeros.
+    Its results for padding, arrays of these shapes, are zeros.
     """
 
     def guarded(state: Any, given: Any) -> tuple[Any, Any]:
@@ -73,7 +73,7 @@ def where(
 
 
 def in_chunks(f: Callable[..., Any], chunks: tuple[Array, ...], real: Bool[Array, "chunks"]) -> Any:
-    """Return what f gives for each of some chunks, stacked; nothing is computed of one that is not real: zeros stand.
+    """Apply f to each chunk and stack the results; padding chunks are not computed and give zeros.
 
     Args:
         f: of a chunk of each of the arrays; gives floating-point arrays.
@@ -91,7 +91,7 @@ def in_chunks(f: Callable[..., Any], chunks: tuple[Array, ...], real: Bool[Array
 
 
 def filled_up(motion: Motion) -> Motion:
-    """Return the same motion with pieces long after its end, and powers of nothing; without name and arrival.
+    """Return the motion padded with pieces long after its end, and with zero powers; without name and arrival.
 
     Traced pieces stay as they are.
     """
@@ -189,7 +189,7 @@ count: inverses are less smooth than a sine, wrong by 2e-4 in the folded arm at 
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
 ROUNDED = 1000.0
-"""Roundings of an angle of which a jump between pieces may come; a spline through samples has some tens."""
+"""Largest jump between pieces by rounding, in roundings of an angle; a spline through samples has some tens."""
 
 FINER = 8
 """Intervals are at most this much shorter than they must be, where that makes them more alike."""
@@ -355,7 +355,7 @@ AT_PROBES = np.stack([p(PROBES) for p in basis(NODE_PLACES)])
 
 
 def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the weights (NODES, places) by which values at the nodes give value, slope and curvature elsewhere.
+    """Return the weights (NODES, places) of nodal values for value, slope and curvature elsewhere.
 
     Places run from 0 to 1 over the interval; slope and curvature are by that coordinate.
     """
@@ -364,12 +364,11 @@ def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def some_at_a_time(f: Callable[[TimeIntervals], Any], grid: TimeIntervals) -> Any:
-    """Return what f gives for intervals, `TOGETHER` at a time: for all at once it would leave the cache.
+    """Apply f to intervals, `TOGETHER` at a time: all at once would not fit in the cache.
 
     Args:
         f: gives floating-point arrays, the intervals on the first axis.
-        grid: the intervals. Where the first of some that are computed together starts at infinity, all of these are
-            left out, and zeros stand for what f gives.
+        grid: the intervals. A group whose first interval starts at infinity is padding: it is skipped and gives zeros.
     """
     together = gcd(len(grid.start), TOGETHER)
     start, step = (jnp.asarray(x).reshape((-1, together)) for x in (grid.start, grid.step))
@@ -400,7 +399,7 @@ def between_nodes(
 
 
 # -------- Step weights
-# Weights of the nodes of a time interval for the steps within it, in chunks of which there are few numbers.
+# Weights of the nodes of a time interval for the steps within it, in chunks padded to a few standard numbers.
 
 STAGES = 3
 """Stages of a step; the order is twice as high."""
@@ -567,7 +566,7 @@ def _lost(model: Multibody, commanded: Command, y: Array, M: Array) -> Float[Arr
 
 
 def advance(h: Array, n: int) -> tuple[Float[Array, "state state"], Float[Array, "state stages"]]:
-    """Return how x and dx/dt at the end of a step follow from those at its start, and from the stages' accelerations.
+    """Return the matrices from x and dx/dt at the start of a step, and the stages' accelerations, to those at its end.
 
     z' = drift z + push a.
     """

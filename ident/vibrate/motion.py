@@ -1,4 +1,4 @@
-"""The prescribed motion of the pins as a value: joint angles over time, piece by piece a polynomial."""
+"""The prescribed motion of the pins as a value: joint angles over time, as piecewise polynomials."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -21,10 +21,10 @@ from ident.programs import AnyArray, library
 from ident.text import no_such
 
 JOINED = 1e-9
-"""Largest jump of an angle [rad] between two pieces that counts as none."""
+"""Largest jump of an angle [rad] between two pieces treated as zero."""
 
 FEW = 64
-"""Breaks among which a time is faster compared with all than searched for, within a compiled program."""
+"""Number of breaks up to which comparison with all is faster than a search, within a compiled program."""
 
 FASTEST = 1000.0
 """Highest speed override [%]."""
@@ -40,7 +40,7 @@ class Motion(eqx.Module):
     acceleration may jump at a break, where a call gives the values after the jump.
 
     Attributes:
-        name: what the motion is called.
+        name: name of the motion.
         breaks: (pieces + 1,) [s] times at which some derivative may jump.
         coefficients: (powers, pieces, driven) [rad/s^n] highest power first, as in `scipy.interpolate.PPoly`.
         arrival: () [s] when the arm arrives and dwell begins, on the clock of `breaks`; the end, when not given.
@@ -131,7 +131,7 @@ class Motion(eqx.Module):
 
 
 def last_before(starts: Float[AnyArray, "n"], time: Float[AnyArray, "*t"]) -> Int[AnyArray, "*t"]:
-    """Return the number of the last start that is not after each time; -1 where all are."""
+    """Return the index of the last start not after each time; -1 if all are later."""
     if library(starts, time) is np:
         return np.asarray(np.searchsorted(starts, time, side="right") - 1)
     method = "compare_all" if len(starts) <= FEW else "scan"
@@ -153,7 +153,7 @@ def _kept(values: Any) -> Any:
 
 
 def _faults(breaks: np.ndarray, c: np.ndarray, arrival: float) -> Iterator[tuple[str, str, str]]:
-    """Yield what was got, what was expected and what to do, the most basic fault first."""
+    """Yield fault, expectation and remedy, the most basic fault first."""
     if len(breaks) < 2 or c.shape[1] != len(breaks) - 1 or 0 in c.shape:
         shape = f"coefficients {c.shape}"
         yield f"{len(breaks)} breaks and {shape}", "one break more than pieces", "give (powers, pieces, driven)"
@@ -179,7 +179,7 @@ def lengths(angles: Float[np.ndarray, "driven T"]) -> Float[np.ndarray, "T"]:
 
 
 # -------- Command
-# The command of the motors at given times: a motion as the equations of motion take it.
+# The command of the motors at given times: a motion as input of the equations of motion.
 
 
 def command(model: Multibody, motion: Motion, times: Float[AnyArray, "T"]) -> Command:
@@ -193,7 +193,7 @@ def command(model: Multibody, motion: Motion, times: Float[AnyArray, "T"]) -> Co
 
 
 def beyond_limits(arm: Arm, motion: Motion) -> None:
-    """Refuse a motion beyond the joint limits, between its breaks too: all extrema are looked at, not samples.
+    """Refuse a motion beyond the joint limits, also between its breaks: checks all extrema, not samples.
 
     Args:
         arm: the arm.
@@ -204,7 +204,7 @@ def beyond_limits(arm: Arm, motion: Motion) -> None:
 
 
 def check_joints(arm: Arm, motion: Motion) -> None:
-    """Refuse a motion of other joints than the arm's."""
+    """Refuse a motion whose joints are not the arm's."""
     driven = motion.coefficients.shape[-1]
     if driven != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
@@ -237,9 +237,9 @@ def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
 # The straight stroke of the arm, extension and retraction, as fast as its limits allow.
 
 CYCLOID_PIECES, CYCLOID_DEGREE = 8, 13
-"""Polynomials that stand for the cycloid; they agree with it to the last digit, and its acceleration to 1e-13."""
+"""Number and degree of polynomials for the cycloid: exact to the last digit, and to 1e-13 in acceleration."""
 ROUNDING = 1e-12
-"""Duration of a piece, as a fraction of all, below which it is there by rounding only."""
+"""Duration of a piece, as a fraction of the total, below which it is only rounding."""
 
 
 def stroke(
@@ -360,7 +360,7 @@ PROFILES: dict[str, Callable[[float, _Limits], Pieces]] = {
     "cycloid": _cycloid,
     "minimum-jerk": _minimum_jerk,
 }
-"""How alpha goes from start to end, by name."""
+"""Profiles of alpha from start to end, by name."""
 
 
 def _limits(path: Stroke) -> _Limits:

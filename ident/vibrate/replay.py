@@ -17,18 +17,18 @@ DEGREE = 5
 """Degree of the spline: its fourth derivative is continuous, so the acceleration that excites the arm is smooth."""
 
 AT_REST = 0.1
-"""Speed at an end, as a fraction of the largest, up to which the data are taken to be at rest there.
+"""Speed at an end, as a fraction of the largest, up to which the data count as at rest there.
 
 Assumed: a smooth start of twenty samples has 5 % of its top speed in the middle of its first two intervals.
 """
 STEPS = (1e-9, 1e9)
-"""Steps of time [s] between samples, shortest and longest: beyond these the spline's derivatives are no numbers."""
+"""Shortest and longest time step [s] between samples: beyond these the spline's derivatives overflow."""
 FASTEST = 100.0
-"""Acceleration [rad/s^2] of a joint, where the arm file has no limit, that only errors of a log reach; assumed."""
+"""Acceleration [rad/s^2] reached only by errors of a log, for joints without a limit in the arm file; assumed."""
 NOISY = 2.0
-"""Times the arm file's acceleration that a log may have: small noise adds to that of the motion; assumed."""
+"""Largest acceleration of a log over the arm file's limit: small noise adds to that of the motion; assumed."""
 MOST_KNOTS = 600
-"""Knots of a smoothing spline; noise that is not smoothed asks for as many as there are samples, and takes minutes."""
+"""Most knots of a smoothing spline; unsmoothed noise needs as many as there are samples, and takes minutes."""
 
 
 def replay(
@@ -52,14 +52,14 @@ def replay(
         time: (T,) [s] increasing, at least 4 samples, with smoothing 6.
         angles: (driven, T) [rad]
         smoothing: () [rad] root mean square of the residuals, all joints together; 0 to pass all samples.
-        name: what the motion is called.
-        arm: the arm that makes the motion.
+        name: name of the motion.
+        arm: the arm that performs the motion.
 
     Returns:
         The motion; its arrival is its end.
 
     Raises:
-        InputError: no samples, or an acceleration that the arm cannot have; the smoothing that mends it is named.
+        InputError: no samples, or an acceleration impossible for the arm; the message names a sufficient smoothing.
     """
     _check(time, angles, smoothing, name)
     t = np.asarray(time, float) - time[0]
@@ -73,7 +73,7 @@ def replay(
 
 
 def _refuse_rough(arm: Arm, motion: Motion, time: np.ndarray, angles: np.ndarray, smoothing: float) -> None:
-    """Refuse a motion that accelerates as no joint can."""
+    """Refuse a motion with an acceleration impossible for a joint."""
     check_joints(arm, motion)
     most = np.array([[NOISY * a if a < math.inf else FASTEST] for a in (joint.rates[1] for joint in arm.driven)])
     times = np.append(motion.breaks, motion.breaks[:-1] + np.diff(motion.breaks) / 2)

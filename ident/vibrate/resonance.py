@@ -243,7 +243,7 @@ class ResonanceCrossing:
 
     @property
     def severity(self) -> float:
-        """Magnification times probability [-], by which crossings are ordered without amplitudes."""
+        """Magnification times probability [-], to rank crossings without amplitudes."""
         return self.magnification * self.probability
 
 
@@ -385,7 +385,7 @@ def _edge(pair: _Pair, outside: int, inside: int) -> float:
 # The vibration that a resonance crossing causes: how far the end point moves by one pulley alone while it is near.
 
 RATE = 250.0
-"""Samples a second: what is read off is an envelope, which changes slowly."""
+"""Sampling rate [Hz], sufficient for an envelope, which changes slowly."""
 TOGETHER = 32
 """Postures that are filled up to a multiple, so that one program serves nearly all motions."""
 

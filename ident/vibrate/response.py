@@ -246,7 +246,7 @@ class Outline(NamedTuple):
         time: (F,) [s]
         rest: (3, K, F) [m] where the sagging arm would be.
         drawn: (3, K, F) [m] the arm with its vibration, times the factor.
-        factor: () [-] by which the vibration is drawn larger than it is.
+        factor: () [-] exaggeration of the drawn vibration.
     """
 
     time: Float[np.ndarray, "F"]

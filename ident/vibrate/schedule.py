@@ -1,13 +1,13 @@
-"""The speed along a path, chosen: least time that keeps a limit of vibration, or least vibration in a given time.
+"""Optimal speed along a path: least time within a vibration limit, or least vibration in a given time.
 
-The path stays: alpha, by which its joint angles are given, alone goes faster or slower. Between places on it alpha
-accelerates evenly; moving averages over one period of each of the two lowest modes at the arrival round that off
-(`shaping.averaged`) and leave these modes nearly at rest there, but for their damping. What is chosen is the speed at
-the places, so that a controller with a speed for each segment can follow.
+The path itself stays: only the speed of its parameter alpha changes. Between places on the path alpha has constant
+acceleration. Moving averages over one period of each of the two lowest modes at arrival smooth this
+(`shaping.averaged`) and leave these modes nearly at rest there, except for the effect of damping. The unknowns are the
+speeds at the places, so that a controller with a speed for each segment can follow.
 
-The search is a sequence of linear programs: the largest vibration over the phases that are not known, within each bin
-of the path, is a smooth function of the speeds, and its logarithm is nearly linear in theirs, even near a resonance.
-The least time is that of an exact penalty function: it costs more to exceed the limit than any time is worth.
+The search is a sequence of linear programs: the largest vibration over the unknown phases, within each bin of the path,
+is a smooth function of the speeds, and its logarithm is nearly linear in theirs, even near a resonance. The least time
+comes from an exact penalty function: exceeding the limit costs more than any saved time.
 
 References:
     Fletcher, Sainz de la Maza, "Nonlinear programming and nonsmooth optimization by successive linear programming",
@@ -37,47 +37,46 @@ from ident.vibrate.shaping import averaged
 from ident.vibrate.simulate import Superposition, superposition
 
 RATE, SHORT = 125.0, 1e-4
-"""Pieces a second of a motion along a path that bends, and their shortest length [s]."""
+"""Pieces per second of a motion along a curved path, and their shortest length [s]."""
 KNOTS, TRACED = 200, 20_000
-"""Equal lengths of a given path between which its angles are a spline, and times at which it is read."""
+"""Number of equal lengths of a given path, as knots of its spline, and of times that sample it."""
 CORNER, STRAY = np.radians(20.0), 1e-3
-"""Change of a path's direction [rad] in one of these lengths that counts as a corner, and how far [rad] the spline may
-stray from the path; assumed."""
+"""Change of a path's direction [rad] in one of these lengths that counts as a corner, and largest deviation [rad] of
+the spline from the path; assumed."""
 FINE = 20
-"""Places within a segment at which limits of joints are looked at."""
+"""Places within a segment to check joint limits."""
 BINS, LATER = 40, 8
-"""Bins of the path, and of the time after arrival, in each of which the largest vibration counts on its own."""
+"""Bins of the path, and of the time after arrival; the largest vibration of each bin is a constraint."""
 BATCH = 16
-"""Postures whose natural frequencies are computed at a time."""
+"""Postures per batch of natural frequencies."""
 SMALL = 1e-7
-"""Vibration [m] below which a bin does not matter to the search."""
+"""Vibration [m] below which the search ignores a bin."""
 DIFFERENCE = 0.02
-"""Change of ln(speed) over which slopes are taken: a resonance is passed within several times as much."""
+"""Finite difference of ln(speed) for slopes: a resonance is several times as wide."""
 REGION, LEAST_REGION, LARGEST_REGION = 0.2, 0.01, 0.5
 """Largest change of ln(speed) in a step of the search: at first, when it ends, and ever."""
 GAIN = 0.02
-"""Decrease of ln(vibration) that a step must promise, or else the search ends; of ln(time) `STEEP` times less."""
+"""Least predicted decrease of ln(vibration) for a further step; of ln(time) `STEEP` times less."""
 TRIES = 3
-"""Linear programs of a step: one, and its corrections by what the vibration turned out to be."""
+"""Linear programs of a step: one, and its corrections by the computed vibration."""
 ITERATIONS = 20
-"""Steps of the search at most; assumed."""
+"""Most steps of the search; assumed."""
 BELOW = (0.75, 0.8, 0.85, 0.9, 0.95)
-"""Shares of the speed at which a pulley meets the first mode, at which the search may start; assumed."""
+"""Starting speeds of the search, relative to the speed at which a pulley meets the first mode; assumed."""
 CLOSE = 0.03
-"""Share of a limit by which the vibration may stay below it."""
+"""Relative margin by which the vibration may stay below its limit."""
 STEEP = 10.0
-"""By how much ln(least vibration) falls with ln(time), nearly: on the paper's arm 6 to 12."""
+"""Approximate slope of ln(least vibration) against ln(time): on the paper's arm 6 to 12."""
 PENALTY = 1.0
-"""What ln(vibration) above the limit's costs, in ln(time): several times 1 / `STEEP`, so that none is worth it."""
+"""Cost of ln(vibration) above the limit, in ln(time): several times 1 / `STEEP`, so that exceeding never pays."""
 SLOWEST = 1.0
-"""How far ln(speed) may fall below the start's at any place: a search for a limit that none keeps ends there; assumed.
-"""
+"""Largest decrease of ln(speed) below the start at any place, which ends a search for an impossible limit; assumed."""
 EXACT, SCALINGS = 1e-9, 100
-"""Share of a time by which a schedule may miss it, and how often its speeds are scaled for that at most."""
+"""Relative tolerance on the time of a schedule, and most scalings of its speeds to reach it."""
 
 
 class Allowed(NamedTuple):
-    """What alpha may do: speed [rad/s] at the inner places, acceleration [rad/s^2] in the segments."""
+    """Limits of alpha: speed [rad/s] at the inner places, acceleration [rad/s^2] in the segments."""
 
     speed: Float[np.ndarray, "inner"]
     acceleration: Float[np.ndarray, "segments"]
@@ -85,7 +84,7 @@ class Allowed(NamedTuple):
 
 @dataclass(frozen=True)
 class Path:
-    """Where a motion goes, however fast: joint angles over alpha, the speed of which along the joints' space is even.
+    """Path of a motion, independent of speed: joint angles over alpha, in even steps through joint space.
 
     Attributes:
         knots: (K,) [rad] of a B-spline over alpha.
@@ -103,7 +102,7 @@ class Path:
 
     @classmethod
     def of_stroke(cls, arm: Arm, stroke: Stroke, percent: float, *, retract: bool = False) -> "Path":
-        """Return the path of a stroke: joints keep its limits, of the speed a percentage, and the arm file's."""
+        """Return the path of a stroke: joints keep its limits, at a percentage of its speed, and the arm file's."""
         folded, unfolded = float(stroke.folded), float(stroke.unfolded)
         direction, ends = np.asarray(stroke.direction, float), np.sort([folded, unfolded])
         own = np.array([float(stroke.speed) * percent / 100, float(stroke.acceleration), float(stroke.jerk)])
@@ -149,11 +148,11 @@ class Path:
         return BSpline(self.knots, self.coefficients, self.degree)
 
     def angles(self, alpha: Float[np.ndarray, "K"], order: int = 0) -> Float[np.ndarray, "driven K"]:
-        """Return the joint angles [rad], or their derivatives by alpha of an order."""
+        """Return the joint angles [rad], or their derivatives of an order by alpha."""
         return np.asarray(self.spline(alpha, order)).T
 
     def alpha(self, angles: AnyArray) -> Float[np.ndarray, "T"]:
-        """Return alpha [rad] of joint angles (driven, T) that follow the path from its start."""
+        """Return alpha [rad] for joint angles (driven, T) that follow the path from its start."""
         start, end = self.ends
         steepness = float(np.linalg.norm(self.angles(np.array([start]), 1)))
         return np.asarray(start + np.sign(end - start) * lengths(np.asarray(angles)) / steepness)
@@ -161,7 +160,7 @@ class Path:
     def motion(self, alpha: Motion) -> Motion:
         """Return the motion of all driven joints by that of alpha alone.
 
-        On a path that bends by quintic pieces with the angles, speeds and accelerations at their ends (Hermite).
+        On a curved path, quintic pieces match the angles, speeds and accelerations at their ends (Hermite).
         """
         if self.degree == 1:
             direction = self.angles(np.array(self.ends[:1]), 1)[:, 0]
@@ -179,11 +178,11 @@ class Path:
         return Motion(alpha.name, t, np.stack([*highest, a[:-1] / 2, v[:-1], q[:-1]]))
 
     def allowed(self, places: Float[np.ndarray, "places"], windows: tuple[float, float]) -> Allowed:
-        """Return what alpha may do between places so that the joints keep their limits.
+        """Return the limits of alpha between places that keep the joints within theirs.
 
         With speed v, acceleration a and jerk j of alpha, and d1, d2, d3 an angle's derivatives by alpha: |d1| v <= V,
-        |d2| v^2 + |d1| a <= A, |d3| v^3 + 3 |d2| v a + |d1| j <= J. Bends may take half of A and J, acceleration takes
-        the rest. Averaged over a window w the jerk is at most 2 a / w; what averaging mixes keeps its tightest limit.
+        |d2| v^2 + |d1| a <= A, |d3| v^3 + 3 |d2| v a + |d1| j <= J. Curvature may use half of A and J, acceleration the
+        rest. Averaged over a window w the jerk is at most 2 a / w; averaged segments keep the tightest limit of them.
         """
         shares = np.linspace(0.0, 1.0, FINE)
         fine = (places[:-1, None] + np.diff(places)[:, None] * shares).ravel()
@@ -207,7 +206,7 @@ class Schedule:
     Attributes:
         path: the path.
         places: (K + 1,) [rad] alpha, from the start to the end.
-        speeds: (K + 1,) [rad/s] there, 0 at both ends.
+        speeds: (K + 1,) [rad/s] of alpha there, 0 at both ends.
         windows: [s] of the moving averages.
     """
 
@@ -218,12 +217,12 @@ class Schedule:
 
     @property
     def times(self) -> Float[np.ndarray, "segments"]:
-        """Duration of each segment before it is rounded off [s]."""
+        """Duration of each segment before averaging [s]."""
         return np.asarray(2 * np.abs(np.diff(self.places)) / (self.speeds[1:] + self.speeds[:-1]))
 
     @property
     def accelerations(self) -> Float[np.ndarray, "segments"]:
-        """Acceleration in each segment, which rounding off makes nowhere larger [rad/s^2]."""
+        """Acceleration in each segment, nowhere increased by averaging [rad/s^2]."""
         return np.asarray(np.diff(self.speeds**2) / (2 * np.abs(np.diff(self.places))))
 
     @property
@@ -243,23 +242,23 @@ class Schedule:
 
 @dataclass(frozen=True)
 class _Aim:
-    """What a search is for: the least time with ln(vibration) at a level, or the least vibration in a time [s]."""
+    """Aim of a search: the least time with ln(vibration) at a level, or the least vibration in a time [s]."""
 
     level: float = 0.0
     time: float | None = None
 
     @property
     def gain(self) -> float:
-        """Decrease of the cost that is worth a step."""
+        """Least decrease of the cost for a step."""
         return GAIN if self.time else GAIN / STEEP
 
     def cost(self, schedule: Schedule, now: Float[np.ndarray, "bins"]) -> float:
-        """Return what is minimised: an exact penalty function."""
+        """Return the cost to minimise: an exact penalty function."""
         excess = float(now.max()) - self.level
         return float(np.log(schedule.duration)) + PENALTY * (excess if self.time else max(0.0, excess))
 
     def rank(self, schedule: Schedule, now: Float[np.ndarray, "bins"]) -> tuple[bool, float]:
-        """Sort what keeps the limit by its time, then what does not by its vibration."""
+        """Sort schedules within the limit by their time, then the others by their vibration."""
         excess = float(now.max()) - self.level - CLOSE / 2
         keeps = self.time is None and excess <= 0
         return not keeps, schedule.duration if keeps else excess
@@ -270,10 +269,10 @@ class Scheduling:
     """A search for the speeds along a path.
 
     Attributes:
-        evaluator: the arm with the highest transmission errors, its loads, phases that are not known, samples a second.
+        evaluator: the arm with the highest transmission errors, its loads, unknown phases and sampling rate.
         path: the path.
         segments: number K of segments.
-        dwell: [s] that the arm is held after arrival; its vibration then counts, too.
+        dwell: [s] at rest after arrival; its vibration then counts, too.
     """
 
     evaluator: Evaluator
@@ -295,7 +294,7 @@ class Scheduling:
 
     @cached_property
     def allowed(self) -> Allowed:
-        """What alpha may do."""
+        """Limits of alpha."""
         return self.path.allowed(self.places, self.windows)
 
     def frequencies(self, alpha: Float[np.ndarray, "K"], arm: Arm | None = None) -> Float[np.ndarray, "2 K"]:
@@ -305,7 +304,7 @@ class Scheduling:
         return np.asarray(in_batches(lambda some: lowest_frequencies(arm, some, loads, 2), angles, BATCH))
 
     def orders(self, alpha: Float[np.ndarray, "K"]) -> Float[np.ndarray, "orders K"]:
-        """Return the frequencies that excite the arm along the path, over the speed of alpha: cycles a radian."""
+        """Return the excitation frequencies along the path over the speed of alpha, in cycles per radian."""
         arm = self.evaluator.arm
         share = dict(zip([joint.name for joint in arm.driven], self.path.angles(alpha, 1), strict=True))
         orders = orders_of(arm)
@@ -314,12 +313,12 @@ class Scheduling:
         return np.unique(np.reshape(each, (len(each), len(alpha))).round(9), axis=0)
 
     def vibration(self, motion: Motion) -> Superposition:
-        """Return the vibration over a motion, and while the arm is held after it."""
+        """Return the vibration over a motion and the dwell after it."""
         each = self.evaluator
         return superposition(each.arm, motion.dwell(self.dwell), each.unknown, loads=each.loads, rate=each.rate)
 
     def schedule(self, speeds: Float[np.ndarray, "inner"]) -> Schedule:
-        """Return the schedule of speeds within the path, none of them higher than the limits allow [rad/s]."""
+        """Return the schedule of these speeds [rad/s], reduced to the limits where they exceed them."""
         reach = 2 * self.allowed.acceleration * np.abs(np.diff(self.places))
         squares = np.pad(np.minimum(speeds, self.allowed.speed) ** 2, 1)
         for k in range(1, len(squares)):
@@ -341,23 +340,23 @@ class Scheduling:
         return np.log(largest.ravel())
 
     def least_time(self, limit: float, progress: Progress = iter, near: Schedule | None = None) -> Schedule:
-        """Return the schedule of least time that keeps a limit [m] with all phases that are not known.
+        """Return the schedule of least time within a limit [m] for all values of the unknown phases.
 
-        Where none keeps the limit it is the quietest that was found.
+        If none keeps the limit, return the quietest schedule of the search.
 
         Args:
             limit: [m]
-            progress: shows how far it is, over the steps of the search.
+            progress: shows progress over the steps of the search.
             near: a schedule to start from; the best of a few when None.
         """
         aim = _Aim(float(np.log(limit)) - CLOSE / 2)
         return self._search([near] if near else self._starts(), aim, progress)
 
     def least_vibration(self, time: float, progress: Progress = iter) -> Schedule:
-        """Return the schedule of least vibration that takes a time [s].
+        """Return the schedule of least vibration in a time [s].
 
         Raises:
-            InputError: a time in which the path can't be gone.
+            InputError: the time is too short for the path.
         """
         fastest = self.schedule(np.full(self.segments - 1, np.inf))
         if fastest.duration > time:
@@ -366,7 +365,7 @@ class Scheduling:
         return self._search([self.in_time(each, time) for each in self._starts()], _Aim(time=time), progress)
 
     def in_time(self, schedule: Schedule, time: float) -> Schedule:
-        """Scale speeds until a time [s] is just kept; where they meet the limits, the others make up for it."""
+        """Scale speeds to just keep a time [s]; where some meet their limits, scale the others more."""
         time = max(time, self.schedule(np.full(self.segments - 1, np.inf)).duration)
         for _ in range(SCALINGS):
             late = (schedule.duration - sum(self.windows)) / (time - sum(self.windows)) - 1
@@ -376,16 +375,16 @@ class Scheduling:
         return schedule
 
     def _starts(self) -> list[Schedule]:
-        """Return where the search may start: as fast as allowed, or an order of the pulleys below the first mode."""
+        """Return starts of the search: the highest speed, or an order of the pulleys below the first mode."""
         first, orders = self.frequencies(self.places[1:-1])[0], self.orders(self.places[1:-1])
         with np.errstate(divide="ignore"):
             speeds = [np.full(len(first), np.inf), *(below * first / order for order in orders for below in BELOW)]
         return list({each.speeds.tobytes(): each for each in map(self.schedule, speeds)}.values())
 
     def _search(self, starts: list[Schedule], aim: "_Aim", progress: Progress) -> Schedule:
-        """Return the best schedule of all for an aim, from the best of some starts.
+        """Return the best schedule for an aim, from the best of some starts.
 
-        By linear programs within a region that grows and shrinks with their success.
+        Uses linear programs within a trust region that grows and shrinks with their success.
         """
 
         def reached(speeds: Float[np.ndarray, "inner"]) -> Schedule:
@@ -420,7 +419,7 @@ class Scheduling:
                 most = max(most, promised)
                 if promised < aim.gain or gained > 0.25 * promised:
                     break
-                line = then - slopes @ step  # with the curvature that this step has met (second-order correction)
+                line = then - slopes @ step  # with the curvature along this step (second-order correction)
             good, done = gained > 0.25 * promised, most < aim.gain or region < LEAST_REGION
             moved, change = np.log(tried.speeds[1:-1]) - u, then - now
             if gained > 0:

@@ -1,7 +1,7 @@
-"""Motions that leave less vibration behind: input shapers, and moving averages of what is commanded.
+"""Motions with less residual vibration: input shapers, and moving averages of the command.
 
-A shaper replaces a command by a sum of delayed copies of it, the amplitudes of which add up to one. Two copies half a
-period apart cancel each other's vibration; further copies make that hold for frequencies beside the expected one.
+A shaper replaces a command by a sum of delayed copies with amplitudes that add up to one. Two copies half a period
+apart cancel each other's vibration; further copies extend this to frequencies near the expected one.
 
 References:
     Singer and Seering, "Preshaping command inputs to reduce system vibration", J. Dyn. Sys. Meas. Control 112, 1990
@@ -22,12 +22,12 @@ from ident.vibrate.motion import JOINED, Motion
 TOLERATED = 0.05
 """Residual [-] that the extra-insensitive shapers allow, as in the papers."""
 FINE = 1e-3
-"""Step [s] by which a motion is sampled before it is shaped along its posture."""
+"""Sampling step [s] of a motion before posture-dependent shaping."""
 
 
 @dataclass(frozen=True)
 class Shaper:
-    """Impulses by which a command is convolved.
+    """Impulses for convolution with a command.
 
     Attributes:
         name: as in the literature.
@@ -42,13 +42,13 @@ class Shaper:
     def residual(
         self, frequency: Float[np.ndarray, "*f"] | float, expected: float, damping_ratio: float = 0.0
     ) -> Float[np.ndarray, "*f"]:
-        """Return the vibration left by the impulses, as a share of what one impulse leaves.
+        """Return the residual vibration of the impulses, relative to that of a single impulse.
 
         exp(-zeta w t_n) |sum of A_i exp((zeta w + i w_d) t_i)| of a mode with w = 2 pi f.
 
         Args:
             frequency: [Hz] natural frequency of the mode.
-            expected: [Hz] for which the shaper is made.
+            expected: [Hz] design frequency of the shaper.
             damping_ratio: [-] of the mode.
         """
         w = 2 * np.pi * np.asarray(frequency, float)[..., None]
@@ -61,8 +61,8 @@ class Shaper:
 def shapers(damping_ratio: float = 0.0) -> tuple[Shaper, ...]:
     """Return the shapers of the literature for one mode: ZV, MZV, ZVD, EI and two-hump EI.
 
-    Those of a damped mode have the undamped amplitudes times K^(2 t), t in periods and K = exp(-pi zeta /
-    sqrt(1 - zeta^2)), scaled to one: exact for ZV, MZV and ZVD; with 2 % of damping EI leaves 0.047, not 0.05.
+    Shapers for a damped mode have the undamped amplitudes times K^(2 t), t in periods and K = exp(-pi zeta /
+    sqrt(1 - zeta^2)), scaled to a sum of one: exact for ZV, MZV and ZVD; at 2 % damping EI leaves 0.047, not 0.05.
     """
     v = TOLERATED
     x = np.cbrt(v**2 * (np.sqrt(1 - v**2) + 1))
@@ -93,13 +93,13 @@ def shaped(
     """Return a motion along a path convolved with shapers whose periods follow the posture.
 
     Each shaper delays by cycles of its mode, not by seconds: with psi(t) the cycles since the start, d psi/dt =
-    f(alpha), alpha(psi) becomes the sum of A_i alpha(psi - c_i). The path stays, and a mode whose frequency changes
-    slowly along it keeps no vibration (WKB). With a constant frequency that is the shaper of the literature.
+    f(alpha), alpha(psi) becomes the sum of A_i alpha(psi - c_i). The path stays. A mode whose frequency changes slowly
+    along it has no residual vibration (WKB). At constant frequency this is the shaper of the literature.
 
     Args:
         path: alpha [rad] at times [s] from 0 to the duration, constant before and after.
         duration: [s]
-        steps: shapers with the frequency [Hz] of their mode at some alpha, one after the other.
+        steps: shapers, applied in order, each with the frequency [Hz] of its mode as a function of alpha.
 
     Returns:
         times [s], not equally spaced, and alpha [rad] there.
@@ -120,19 +120,19 @@ def shaped(
 
 
 def averaged(motion: Motion, window: float) -> Motion:
-    """Return a motion of which each angle is its mean over the last `window` seconds: (P(t) - P(t - w)) / w.
+    """Return the moving average of a motion over the last `window` seconds: (P(t) - P(t - w)) / w for each angle.
 
-    Speed, acceleration and jerk exceed the motion's nowhere; an undamped mode of frequency 1 / window is left at rest.
-    It starts when the motion does and ends a window later.
+    Speed, acceleration and jerk nowhere exceed the motion's; an undamped mode of frequency 1 / window is left at rest.
+    The average starts with the motion and ends a window later.
 
     Args:
-        motion: the motion; before its start and after its end it rests.
+        motion: the motion; at rest before its start and after its end.
         window: [s]
     """
     breaks, c = np.asarray(motion.breaks), np.asarray(motion.coefficients)
     start, powers = c[-1, 0], np.arange(len(c), 0, -1)[:, None, None]
     moved = c.copy()
-    moved[-1] -= start  # from where it starts, so that nothing grows with the time before
+    moved[-1] -= start  # relative to the start, so that the integral does not grow with the time before
     rest = np.zeros((len(c) + 1, 1, c.shape[2]))
     rest[-2, 0] = motion.on_piece(len(breaks) - 2, breaks[-1])[0] - start
     integral = np.concatenate([moved / powers, np.zeros_like(c[:1])])
@@ -148,7 +148,7 @@ def averaged(motion: Motion, window: float) -> Motion:
 
 
 def _about(breaks: np.ndarray, c: np.ndarray, times: np.ndarray) -> Float[np.ndarray, "powers T driven"]:
-    """Return the coefficients of piecewise polynomials about other times, none before the first break."""
+    """Return the coefficients of piecewise polynomials re-centred at other times, none before the first break."""
     k = np.searchsorted(breaks, times + JOINED, side="right") - 1
     moved = np.where(k[:, None] >= 0, c[:, k], 0.0)
     x = (times - breaks[k])[:, None]

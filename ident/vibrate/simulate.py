@@ -137,7 +137,7 @@ def _refuse_samples(motion: Motion, samples: float, rate: float) -> None:
 
 
 def _refuse_short(seconds: float, step: float, needed: bool) -> None:
-    """Refuse time steps of which a motion would take more than can be computed."""
+    """Refuse time steps so small that a motion would need too many of them."""
     if seconds <= MOST_STEPS * step:
         return
     got = f"steps of {step:.3g} s" + (", as its drives and frequencies ask for" if needed else "")
@@ -240,7 +240,7 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
 # - of m e^2 all but the moment of inertia about the axis, which is there whatever the phase, and part of v0;
 # - the end point's arc, of x^2 over the length of the arm: 1e-4 of the vibration and less.
 #
-# The fast method itself leaves out, for any phases, what is of second order in the transmission error:
+# The fast method itself neglects, for any phases, second-order terms in the transmission error:
 #
 # - in the error's slope s = dq_pin/dtheta ratio = 1 + 2 ratio e cos(2 theta + chi), the square of s - 1 in centrifugal
 #   terms, which is e [rad] of the term of the acceleration, 4 ratio^2 e (dq/dt)^2 (of another order, o for 2 and o^2
@@ -368,7 +368,7 @@ def sets_of(unknown: Sequence[str]) -> list[dict[str, float]]:
 
 
 def parts_of(members: Float[np.ndarray, "*shape members"]) -> tuple[Any, Any, Any]:
-    """Return what is sure `(*shape)`, and each phase's parts of cosine and sine `(U, *shape)`, see `sets_of`."""
+    """Return the known part `(*shape)`, and each phase's parts of cosine and sine `(U, *shape)`, see `sets_of`."""
     count = (members.shape[-1] - 1) // 2
     first, quarter, half = (np.moveaxis(x, -1, 0) for x in np.split(members, (1, 1 + count), -1))
     cosine = (first - half) / 2

@@ -1,20 +1,20 @@
-"""What makes a peak of the vibration: imbalance, transmission error, belt mesh, flexible finger or fixed frequency.
+"""The cause of a vibration peak: imbalance, transmission error, belt mesh, flexible finger or fixed frequency.
 
-Each cause is a set of columns beside the motion itself. Imbalance and transmission error have those of the drives'
-sources, belt mesh those of a transmission error at the order of its teeth, a fixed frequency has a cosine and a sine
-for each trace, a finger has the motion y of a light oscillator at the sensor, driven by the acceleration a there:
+Each cause adds columns to the motion itself. Imbalance and transmission error add those of the drives' sources, belt
+mesh those of a transmission error at the order of its teeth. A fixed frequency adds a cosine and a sine for each trace.
+A finger adds the motion y of a light oscillator at the sensor, driven by the acceleration a there:
 
     y'' + 2 zeta omega y' + omega^2 y = -a
 
-In a band about the peak a trace x becomes complex samples that are about independent of each other,
+In a band around the peak, a trace x becomes nearly independent complex samples,
 
-    z_n = sum over t of h(t_n - t) x(t) exp(-2 pi i f t),    h a low pass.
+    z_n = sum over t of h(t_n - t) x(t) exp(-2 pi i f t),    with a low pass h.
 
-A set S of causes leaves the share u_k(S) of the energy of trace k, by least squares in which clock, stiffness, damping
-and tilt may move as far as they are known. Its evidence is its score (`ident.vibrate.hypotheses`) less p/2 ln n, with p
-columns and frequencies and n numbers in all. What a set predicts of blocks that were left out is scored alike, without
-p. All sets compete. A peak's cause is the one with the largest share in its set, if both evidence and prediction say
-so.
+A set S of causes leaves the residual share u_k(S) of the energy of trace k, by least squares in which clock, stiffness,
+damping and tilt may move within their uncertainty. The evidence of a set is its score (`ident.vibrate.hypotheses`) less
+p/2 ln n, with p columns and frequencies and n numbers in all. Its prediction of held-out blocks is scored in the same
+way, without p. All sets compete. The cause of a peak is the one with the largest share in its set, if evidence and
+prediction agree.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,35 +39,36 @@ from ident.vibrate.source_problem import Channel, Place, SourceProblem
 from ident.vibrate.unit_response import Response, Run, path_of
 
 CAUSES = ("imbalance", "error", "mesh", "finger", "line")
-"""Causes that compete."""
+"""Competing causes."""
 WIDTH = 0.15
-"""Half the band about a peak, as a share of its frequency: two peaks nearer than that are one; assumed."""
+"""Half width of the band around a peak, relative to its frequency: closer peaks count as one; assumed."""
 LENGTH = 3.0
-"""Length of the low pass, in periods of half the band: it lets through 3 % a quarter of the band beyond its edges."""
+"""Length of the low pass, in periods of half the band: it passes 3 % at a quarter of the band beyond its edges."""
 FINE = 8
-"""Frequencies of a line that are tried in each resolved step, one over the length of the longest trace."""
+"""Trial frequencies of a line per resolved step (one over the length of the longest trace)."""
 DAMPING = (0.002, 0.006, 0.02)
-"""Damping ratios of a finger that are tried: steel to glued plates; assumed."""
+"""Trial damping ratios of a finger: steel to glued plates; assumed."""
 SCANNED = ((WIDTH, 31), (0.01, 7), (0.002, 5))
-"""Frequencies of a finger that are tried: so many within so wide a share of the best one so far, first of the peak. The
-last are 0.1 % apart, a fifth of a resonance with the least damping of `DAMPING`."""
+"""Scans for the frequency of a finger: relative half width and number of trial values, first around the peak, then
+around the best value so far. The last are 0.1 % apart, a fifth of a resonance with the least damping of `DAMPING`."""
 WIDER = 3.0
-"""By which standard deviations of clock, stiffness, damping and tilt are widened: an unknown cause was fitted along."""
+"""Factor on the standard deviations of clock, stiffness, damping and tilt: an unknown cause may have biased their fit.
+"""
 BLOCKS, FOLDS = 8, 4
-"""Blocks of each trace, which are left out in so many turns."""
+"""Blocks of each trace, and folds of the cross-validation over them."""
 NEEDED = 3.0
-"""Score [nat] by which a further run must set rivals apart: odds of 20."""
+"""Least score difference [nat] between competing sets for a discriminating run: odds of 20."""
 MOST = 0.5
-"""Share of what its set explains that a cause must make itself to be the peak's; assumed."""
+"""Least share of its set's explained energy for the cause of a peak; assumed."""
 
 
 class Band(NamedTuple):
-    """What takes out of a trace what lies in a band, as real and imaginary part of a slow signal.
+    """Band-pass demodulation of a trace: the content of a band as real and imaginary part of a slow signal.
 
     Attributes:
         frequency: [Hz] its middle.
         half: [Hz] half its width.
-        rate: samples a second of the trace.
+        rate: [Hz] sampling rate of the trace.
     """
 
     frequency: float
@@ -76,7 +77,7 @@ class Band(NamedTuple):
 
     @property
     def step(self) -> int:
-        """Samples of the trace for one of the result."""
+        """Samples of the trace per sample of the result."""
         return max(1, int(self.rate / (2 * self.half)))
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
@@ -91,17 +92,17 @@ class Band(NamedTuple):
 
 @dataclass(frozen=True)
 class Cause:
-    """What may make a peak.
+    """A possible cause of a peak.
 
     Attributes:
         kind: one of `CAUSES`.
-        source: the strongest source of its kind; None of a finger and of a fixed frequency.
-        frequency: [Hz] of a finger or a line; NaN of sources, which have none of their own.
-        share: share of the band's energy that it makes itself in its set, the best one in which it is the largest.
-        explained: share that this set explains.
-        predicted: share of the energy of blocks left out that this set predicts.
-        evidence: probability by evidence that it is the largest cause.
-        held_out: probability of the same by prediction.
+        source: the strongest source of its kind; None for a finger or a fixed frequency.
+        frequency: [Hz] of a finger or a line; NaN for sources, whose frequency follows the drive.
+        share: its share of the band's energy in its set, the best set in which it is the largest cause.
+        explained: share of the energy that this set explains.
+        predicted: share of the energy of held-out blocks that this set predicts.
+        evidence: probability that it is the largest cause, by evidence.
+        held_out: probability that it is the largest cause, by prediction.
     """
 
     kind: str
@@ -121,15 +122,15 @@ class Cause:
 
 @dataclass(frozen=True)
 class Causes:
-    """What makes a peak.
+    """The comparison of causes of a peak.
 
     Attributes:
         peak: [Hz]
         band: [Hz] from, to.
-        causes: that were compared, the most probable first.
-        untested: why others were not, by kind.
-        left: share of the band's energy that the best set leaves.
-        speed: [%] of the further run that sets the first two apart best; 0 where none does, or none is needed.
+        causes: compared causes, the most probable first.
+        untested: why others were not compared, by kind.
+        left: residual share of the band's energy with the best set.
+        speed: [%] of the run that best discriminates the first two; 0 where none does, or none is needed.
     """
 
     peak: float
@@ -141,21 +142,21 @@ class Causes:
 
     @property
     def explained(self) -> bool:
-        """Whether some set of them explains the peak, and predicts blocks that were left out."""
+        """Whether some set explains the peak and predicts held-out blocks."""
         return self.left < 1 - PEAK.seen and max(cause.predicted for cause in self.causes) >= PEAK.seen
 
     @property
     def told(self) -> bool:
-        """Whether the first is told from the others, by evidence and by prediction, and makes most of the peak."""
+        """Whether the first cause is identified, by evidence and by prediction, and dominates the peak."""
         first = self.causes[0]
         return self.explained and first.share >= MOST * first.explained and first.probability >= PEAK.sure
 
 
 def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, float]) -> None:
-    """Refuse a peak outside the band of the traces or too low for their length, and teeth of no belt.
+    """Refuse a peak outside the band of the traces or too low for their length, and teeth of an unknown belt.
 
     Raises:
-        InputError: one of them.
+        InputError: there is one.
     """
     names = [belt.name for belt in problem.arm.belts]
     for name, count in teeth.items():
@@ -184,15 +185,15 @@ def compared(
     teeth: Mapping[str, float] | None = None,
     further: Mapping[float, Run] | None = None,
 ) -> Causes:
-    """Compare what may make a peak.
+    """Compare the possible causes of a peak.
 
     Args:
-        problem: traces, and what may excite the arm.
-        place: where the search for its sources has ended.
+        problem: traces, and possible sources of excitation.
+        place: result of the search for the sources.
         covariance: of all unknowns there.
         peak: frequency [Hz].
         teeth: of a belt's driving pulley, by the belt's name; without it belt mesh is not tested.
-        further: runs that could be measured, by their speed [%]: which would set rivals apart.
+        further: candidate runs, by speed [%], to discriminate between causes.
 
     Raises:
         InputError: see `check_peak`.
@@ -201,7 +202,7 @@ def compared(
     meshed, untested = _with_mesh(problem, teeth or {}, peak)
     more = len(meshed.sources) - len(problem.sources)
     place = place._replace(parts=np.pad(place.parts, ((0, 0), (0, more), (0, 0))))
-    # calibrations stay as they were found: their columns are the traces themselves, with which any set explains all
+    # calibrations stay fixed: their columns are the traces themselves, so that any set would explain everything
     named = zip(place._fields[:-1], place[:-1], strict=True)
     moving = np.flatnonzero(np.concatenate([np.full(part.size, name != "calibration") for name, part in named]))
     loose = np.linalg.cholesky(WIDER**2 * covariance[np.ix_(moving, moving)])
@@ -212,7 +213,7 @@ def compared(
 
 
 def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) -> tuple[SourceProblem, dict[str, str]]:
-    """Return the problem with what meshing belts excite, and why that of others is not tested."""
+    """Return the problem with the orders of belt mesh, and why belt mesh is not tested otherwise."""
     arm, low = problem.arm, peak * (1 - WIDTH)
     if not teeth:
         return problem, {"mesh": "the belts' numbers of teeth are not given"}
@@ -243,7 +244,7 @@ def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) 
 
 
 def _driving(at: Point) -> Iterator[np.ndarray]:
-    """Yield of each channel the acceleration along its sensor (T,) [m/s^2], at the times of its response."""
+    """Yield for each channel the acceleration along its sensor (T,) [m/s^2], at the times of its response."""
     arm, paths = at.problem.arm_at(at.place), dict[tuple[int, str], np.ndarray]()
     for channel in at.problem.channels:
         response = at.responses[channel.run]
@@ -259,13 +260,13 @@ def _driving(at: Point) -> Iterator[np.ndarray]:
 def _swinging(
     problem: SourceProblem, place: Place, response: Response, channel: Channel, driving: np.ndarray, how: Any
 ) -> np.ndarray:
-    """Return what a sensor sees of a light oscillator [rad/s, damping ratio] that its point drives, (T,)."""
+    """Return a sensor's signal (T,) from a light oscillator [rad/s, damping ratio] driven by its point."""
     filtered = lfilter(*_oscillator(*how, round(float(response.time[1] - response.time[0]), 12)), driving)
     swing = make_interp_spline(response.time, filtered, k=5)
     return np.asarray(swing(problem.clock_of(channel, place), nu=response.run.sensors[channel.sensor].derivative))
 
 
-@lru_cache  # of all traces alike
+@lru_cache  # shared by all traces
 def _oscillator(omega: float, damping: float, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the filter of a light oscillator under an acceleration that is linear within a step [s]."""
     above, below, _ = cont2discrete(([-1.0], [1.0, 2 * damping * omega, omega**2]), step, "foh")
@@ -273,12 +274,12 @@ def _oscillator(omega: float, damping: float, step: float) -> tuple[np.ndarray, 
 
 
 class _Set(NamedTuple):
-    """Causes together.
+    """A set of causes.
 
     Attributes:
         how: frequency [Hz] and damping ratio of each, by kind; NaN where it has none.
-        left: (C,) share of each trace's energy that they leave.
-        unseen: (C,) share that they leave of blocks that were left out.
+        left: (C,) residual share of each trace's energy.
+        unseen: (C,) residual share on held-out blocks.
     """
 
     how: Mapping[str, tuple[float, float]]
@@ -288,17 +289,17 @@ class _Set(NamedTuple):
 
 @dataclass(frozen=True)
 class _Contest:
-    """Sets of causes that compete.
+    """Competing sets of causes.
 
     Attributes:
-        point: traces and sources, where the columns count from, and the band of each trace.
-        values: (n,) all traces, each scaled by its noise, then zeros for what is known.
-        columns: (n, m) by what is known, which all sets have.
-        causes: (n, p) columns of each cause by kind, then by frequency [Hz] and damping ratio that it may have.
-        trace: (n,) number of the trace; -1 of what is known.
-        fold: (n,) turn in which a number is left out; -1 of what is known.
-        kinds: of each source its cause.
-        noise: (C,) [SI] rms of what all causes leave of each trace.
+        point: traces and sources at the linearisation point, and the band of each trace.
+        values: (n,) all traces, each scaled by its noise, then zeros for the priors.
+        columns: (n, m) slopes by the unknowns with priors, common to all sets.
+        causes: (n, p) columns of each cause by kind, then by trial frequency [Hz] and damping ratio.
+        trace: (n,) number of the trace; -1 for the priors.
+        fold: (n,) cross-validation fold; -1 for the priors.
+        kinds: cause of each source.
+        noise: (C,) [SI] rms residual of each trace after all causes.
         energy: (C,) of each trace, as a displacement.
     """
 
@@ -314,12 +315,12 @@ class _Contest:
 
     @classmethod
     def of(cls, point: Point, moving: np.ndarray, loose: np.ndarray, kinds: Sequence[str]) -> "_Contest":
-        """Return the contest, with the finger and the line that explain most beside all sources.
+        """Return the contest, with the finger and the line that explain most in addition to all sources.
 
         Args:
             point: see above.
-            moving: places of the unknowns that may move as far as they are known.
-            loose: (m, m) what whitens these.
+            moving: indices of the unknowns that may move within their priors.
+            loose: (m, m) whitening matrix of these.
             kinds: cause of each source.
         """
         place, peak, whole = point.place, point.whitenings[0].frequency, point.whitened()
@@ -327,13 +328,13 @@ class _Contest:
         pairs = zip(whole.residual, whole.columns, strict=True)
         beyond = [residual + columns[:, first:] @ place.parts.ravel() for residual, columns in pairs]  # the motion
         sizes = [len(values) for values in beyond]
-        # real and imaginary part of a sample are left out in the same turn
+        # real and imaginary part of a sample are in the same fold
         turns = [np.tile(np.arange(size // 2) * BLOCKS // (size // 2) % FOLDS, 2) for size in sizes]
         more = np.full(len(loose), -1)
         trace, fold = np.append(np.repeat(np.arange(len(sizes)), sizes), more), np.concatenate([*turns, more])
         swinging = cache(partial(_fingers, point, list(_driving(point))))
         noise = np.array([np.std(values) for values in beyond])
-        for again in (True, False):  # first each trace counts by its size, then by what all causes leave of it
+        for again in (True, False):  # weight each trace first by its size, then by its residual after all causes
             weight = np.append(np.repeat(1 / noise, sizes), np.zeros(len(loose)))[:, None]
 
             def scaled(parts: Sequence[np.ndarray], weight: np.ndarray = weight) -> np.ndarray:
@@ -344,7 +345,7 @@ class _Contest:
             columns = scaled([each[:, moving] for each in whole.columns])
             columns[len(columns) - len(loose) :] = loose
             fingers, lines = dict[tuple[float, float], np.ndarray](), dict[tuple[float, float], np.ndarray]()
-            for others in (columns, np.column_stack([columns, sources])):  # sources may be like a line for a while
+            for others in (columns, np.column_stack([columns, sources])):  # sources may resemble a line for a while
                 beside, _ = np.linalg.qr(others / _sizes(others))
                 rest = values - beside @ (beside.T @ values)
 
@@ -377,7 +378,7 @@ class _Contest:
 
     @cached_property
     def sets(self) -> dict[frozenset[str], "_Set"]:
-        """What each set of causes leaves, with the frequencies that fit best."""
+        """Residuals of each set of causes, with the best-fitting frequencies."""
         found = {}
         for names in (s for count in range(len(self.causes) + 1) for s in combinations(self.causes, count)):
             chosen = [dict(zip(names, how, strict=True)) for how in product(*(self.causes[kind] for kind in names))]
@@ -391,7 +392,7 @@ class _Contest:
         return np.column_stack([self.columns, *(self.causes[kind][how] for kind, how in chosen.items())])
 
     def _left(self, matrix: np.ndarray, folds: Sequence[int] = ()) -> np.ndarray:
-        """Return the share of each trace's energy that columns leave, or leave of what they have not seen."""
+        """Return the residual energy share of each trace, in sample or on held-out blocks."""
         rest = self.values.copy()
         for fold in folds or (None,):
             used = self.fold != fold
@@ -406,16 +407,16 @@ class _Contest:
         return score(left, np.bincount(self.trace[self.trace >= 0]), PEAK)
 
     def evidence(self, chosen: frozenset[str]) -> float:
-        """Return the evidence of a set [nat]; the frequency of a line counts as a column, that of a finger as two."""
+        """Return the evidence of a set [nat]; a line counts one more parameter for its frequency, a finger two."""
         sizes = [self.causes[kind][how].shape[1] for kind, how in self.sets[chosen].how.items()]
         columns = sum(sizes) + 2 * ("finger" in chosen) + ("line" in chosen)
         return self._score(self.sets[chosen].left) - columns / 2 * float(np.log(np.sum(self.trace >= 0)))
 
     def shares(self, chosen: frozenset[str]) -> dict[str, float]:
-        """Return each cause's share of the energy in a set, part' y / y'y with its part of y: they add up to the whole.
+        """Return each cause's share of the energy in a set, part' y / y'y; the shares add up to the set's.
 
-        What a cause explains alone would not do, since imbalance and transmission error of one frequency replace each
-        other for a while.
+        The energy explained by a cause alone would mislead: at one frequency, imbalance and transmission error can
+        replace each other for a while.
         """
         found, data = self._coefficients(chosen), self.trace >= 0
         energy = np.bincount(self.trace[data], self.values[data] ** 2)
@@ -428,7 +429,7 @@ class _Contest:
         return {kind: share(kind) for kind in found}
 
     def judged(self, peak: float, untested: Mapping[str, str], further: Mapping[float, Run]) -> Causes:
-        """Return which cause is the largest, how sure that is, and the run that would tell."""
+        """Return the ranked causes with their probabilities, and the discriminating run."""
         every = {chosen: self.shares(chosen) for chosen in self.sets if chosen}
         largest = {chosen: max(own, key=lambda kind: own[kind]) for chosen, own in every.items()}
         scores = {chosen: (self.evidence(chosen), self._score(self.sets[chosen].unseen)) for chosen in largest}
@@ -454,7 +455,7 @@ class _Contest:
         return replace(result, speed=speed if gains and gains[speed] > NEEDED else 0.0)
 
     def _strongest(self, kind: str, chosen: frozenset[str]) -> ExcitingOrder | None:
-        """Return the source that makes most of the band's energy, of a cause that has several."""
+        """Return the source with most of the band's energy, for a cause with several sources."""
         if kind not in CAUSES[:3]:
             return None
         parts = self._parts(chosen)
@@ -465,14 +466,14 @@ class _Contest:
         return self.point.problem.sources[own[int(np.argmax((made**2).sum(1)))]]
 
     def _coefficients(self, chosen: frozenset[str]) -> dict[str, np.ndarray]:
-        """Return the coefficients of the columns of each cause of a set, in their order."""
+        """Return the coefficients of the columns of each cause of a set."""
         how = self.sets[chosen].how
         found = _solved(self._matrix(how), self.values)[self.columns.shape[1] :]
         ends = np.cumsum([self.causes[kind][each].shape[1] for kind, each in how.items()])
         return dict(zip(how, np.split(found, ends[:-1]), strict=True))
 
     def _parts(self, chosen: frozenset[str]) -> Float[np.ndarray, "G S 2"]:
-        """Return the parts of all sources, as a set has them."""
+        """Return the parts of all sources in a set."""
         found, parts = self._coefficients(chosen), np.zeros(self.point.place.parts.shape)
         for kind in set(chosen) & set(CAUSES[:3]):
             own = [k for k, each in enumerate(self.kinds) if each == kind]
@@ -480,10 +481,10 @@ class _Contest:
         return parts
 
     def _apart(self, true: frozenset[str], rival: frozenset[str], run: Run, peak: float) -> float:
-        """Return by how much the score of one set would exceed that of a rival if it were true, in a further run.
+        """Return the expected score of a true set over a competing set in a further run.
 
-        Measured by the sensors of the first run with their noise; what the sources are in the runs at hand, the rival
-        has to keep, a fixed line may start anew.
+        The run has the sensors of the first run with their noise. The competing set keeps its sources from the measured
+        runs; a fixed line may take a new phase.
         """
         channels = self.point.problem.channels
         own = [k for k, channel in enumerate(channels) if channel.run == 0]
@@ -504,7 +505,7 @@ class _Contest:
         return gained
 
     def _seen(self, alone: SourceProblem, chosen: frozenset[str], band: Band) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return of each channel of a run what a set makes of it (n,), and a line's columns (n, 2), if it has one."""
+        """Return for each channel of a run the prediction of a set (n,), and a line's columns (n, 2) if it has one."""
         parts, found, how = self._parts(chosen)[:1], self._coefficients(chosen), self.sets[chosen].how
         place = alone.start._replace(changes=self.point.place.changes, parts=parts)
         at = Point(alone, place, alone.responses(place), [band] * len(alone.channels))
@@ -524,13 +525,13 @@ class _Contest:
 
 
 def _sizes(columns: np.ndarray) -> np.ndarray:
-    """Return the columns' lengths; 1 of one of nothing."""
+    """Return the columns' lengths; 1 for a zero column."""
     size = np.linalg.norm(columns, axis=0)
     return np.where(size > 0, size, 1.0)
 
 
 def _solved(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the least-squares coefficients, by normal equations of columns of unit length."""
+    """Return the least-squares coefficients, by normal equations of unit columns."""
     size = _sizes(columns)
     scaled = columns / size
     normal = scaled.T @ scaled + RIDGE * np.eye(len(size))
@@ -538,7 +539,7 @@ def _solved(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _strongest_line(at: Point, rest: Sequence[np.ndarray]) -> float:
-    """Return the frequency [Hz] at which most of what is left of all traces is in a line."""
+    """Return the frequency [Hz] of the line with most energy in the residuals of all traces."""
     longest = max(len(channel.time) / channel.rate for channel in at.problem.channels)
     middle, half, _ = at.whitenings[0]
     tried = np.linspace(-half, half, int(2 * half * longest * FINE) + 2)
@@ -551,7 +552,7 @@ def _strongest_line(at: Point, rest: Sequence[np.ndarray]) -> float:
 
 
 def _lines(at: Point, frequency: float) -> list[np.ndarray]:
-    """Return cosine and sine of a fixed frequency in each trace (n_k, 2 C): each has its own."""
+    """Return cosine and sine of a fixed frequency for each trace (n_k, 2 C), with separate columns per trace."""
     found = []
     for k, (channel, band) in enumerate(zip(at.problem.channels, at.whitenings, strict=True)):
         turned = 2 * np.pi * frequency * (channel.time - channel.time[0])
@@ -562,7 +563,7 @@ def _lines(at: Point, frequency: float) -> list[np.ndarray]:
 
 
 def _fingers(at: Point, driving: Sequence[np.ndarray], frequency: float, damping: float) -> list[np.ndarray]:
-    """Return what a finger makes of each trace (n_k, K): as much for all sensors of a point and direction."""
+    """Return the columns of a finger in each trace (n_k, K), one per point and direction of the sensors."""
     ways = [(each.point, each.direction, each.body) for each in at.problem.measuring]
     alike, found, how = list(dict.fromkeys(ways)), [], (2 * np.pi * frequency, damping)
     for channel, way, force, band in zip(at.problem.channels, ways, driving, at.whitenings, strict=True):

@@ -1,16 +1,16 @@
-"""What excites a moving arm, identified from traces of its vibration: imbalance and transmission error of each drive.
+"""Identify the excitation of a moving arm from vibration traces: imbalance and transmission error of each drive.
 
-A sensor's trace is linear in the two components of each source; in stiffnesses, damping, the clock and the direction of
-the sensor it is not, and these are known a priori within limits. All are found together by Gauss-Newton steps, the
-linear ones again at each (variable projection, Golub and Pereyra 1973). What sensors see below `SLOW`, drift and the
-slow motion, is left out. The errors count as stationary and coloured: an autoregressive model of each channel's
-residual whitens residual and slopes (generalised least squares). So where the model errs, it errs in its own band, and
-weights there are less. Not by the search of `ident.inference`: that knows no unknowns that are solved for at each step,
-and no weights that change from one step to the next.
+A sensor's trace is linear in the two components of each source. It is nonlinear in stiffnesses, damping, the clock and
+the direction of the sensor, which have priors. Gauss-Newton steps estimate all of them jointly, and solve for the
+linear ones at each step (variable projection, Golub and Pereyra 1973). Content below `SLOW` (drift and the slow motion)
+is removed. Errors are modelled as stationary and coloured: an autoregressive model of each channel's residual whitens
+residual and slopes (generalised least squares). So model errors reduce the weight only in their own band. The search of
+`ident.inference` does not fit here: it has no unknowns solved for at each step, and no weights that change between
+steps.
 
-In time and not by orders: sources that share an order, or whose orders cross, need no separation of their own, runs
-through resonances are not averaged over blocks, and white noise is used to the full. What time does not give, whether a
-source explains the vibration wherever it should, is tested along the motion and widens its interval, see `consistency`.
+The fit works in time, not by orders: sources with a common order, or with crossing orders, need no extra separation,
+runs through resonances are not averaged over blocks, and white noise is used efficiently. Whether a source explains the
+vibration wherever it should is tested along the motion and widens its interval, see `consistency`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -44,31 +44,31 @@ from ident.vibrate.unit_response import Response, Run, excited_by
 LAGS = 20
 """Order of the autoregressive model: 0.1 s at 200 samples a second, half a period of the lowest modes."""
 APART, THINNED = 5e-3, 4
-"""Step [s] of the clock offsets that are tried before the search, a tenth of a period at 20 Hz; on one of so many
-samples."""
+"""Step [s] of the trial clock offsets before the search, a tenth of a period at 20 Hz; and the downsampling used there.
+"""
 MOST_ROUNDS = 12
-"""Gauss-Newton rounds at most; three or four do."""
+"""Most Gauss-Newton rounds; three or four suffice."""
 RECOLOURED = 5
-"""Rounds up to which residuals are coloured again: later the noise model stays, so that the search ends."""
+"""Rounds with an update of the noise model: later it stays fixed, so that the search ends."""
 NOISE_PASSES = 5
-"""Passes between noise model and step at most, in a round; two or three do."""
+"""Most passes between noise model and step in a round; two or three suffice."""
 SETTLED = 0.5
-"""Step of each unknown, in standard deviations, with which the search ends; assumed. After one of 0.26 came 0.004."""
+"""Step of each unknown, in standard deviations, that ends the search; assumed. A step of 0.26 was followed by 0.004."""
 ALIKE = 0.02
-"""Change of the step, in standard deviations, below which two noise models count as one."""
+"""Change of the step, in standard deviations, below which two noise models count as the same."""
 RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
 BLOCK = 1.0
-"""Length [s] of the blocks in which a source is tested: some periods of what excites."""
+"""Length [s] of the blocks that test a source: some periods of the excitation."""
 SCATTERS = 0.05
-"""Probability above which a spread of blocks counts as chance."""
+"""Probability above which a spread between blocks counts as chance."""
 FAINT = 0.02
-"""Share of a source's information below which a block tells nothing of it."""
+"""Share of a source's information below which a block is not informative."""
 WIDE = 0.5
-"""Half a 95 % interval, as a share of the amplitude, beyond which a source is not told."""
+"""Half a 95 % interval, relative to the amplitude, beyond which a source is not determined."""
 UNSEEN = 100.0
-"""Standard deviation [units] of a source's parts beyond which it was not seen at all, as of a drive that stands still:
-then the arm keeps the number that it has."""
+"""Standard deviation [units] of a source's parts beyond which it is not observed at all, as with a drive at standstill:
+the arm then keeps its number."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class Whitened:
     """Residual and slopes of all channels at a point of the search, whitened.
 
     Attributes:
-        residual: (C,) of each channel, (T,) measured less computed.
-        columns: (C,) of each, (T, n) by the unknowns.
+        residual: (C,) of each channel, (T,) measured minus computed.
+        columns: (C,) of each channel, (T, n) slopes by the unknowns.
     """
 
     residual: tuple[np.ndarray, ...]
@@ -85,26 +85,26 @@ class Whitened:
 
     @classmethod
     def of(cls, wholes: Iterable[np.ndarray]) -> "Whitened":
-        """Return those of which each channel's residual is the first column (T, 1 + n)."""
+        """Split each channel's array (T, 1 + n) into residual (first column) and slopes."""
         return cls(*zip(*((whole[:, 0], whole[:, 1:]) for whole in wholes), strict=True))
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What excites an arm, as runs tell it.
+    """Identified excitation of an arm.
 
     Attributes:
-        problem: what was posed.
-        place: where the search has ended.
+        problem: traces, possible sources and priors.
+        place: result of the search.
         covariance: (n, n) of all unknowns, before `consistency`.
-        residual: of each channel (T,) [SI] measured less computed, the slow part left out.
-        shown: of each channel (T,) [SI] measured, the slow part left out.
-        consistency: (S,) variance of what blocks of the motion say of a source, in units of what noise lets expect; at
+        residual: of each channel (T,) [SI] measured minus computed, without the slow part.
+        shown: of each channel (T,) [SI] measured, without the slow part.
+        consistency: (S,) variance between blocks of the motion for each source, over that expected from noise; at
             least 1.
-        settled: whether the search has come to its end.
-        rounds: how many it took.
-        between: probability that the runs' sources differ so much by chance, by source; NaN with one run.
-        makes: (S,) [m] largest vibration that a unit of each source makes at a sensor's point in any direction.
+        settled: whether the search has converged.
+        rounds: number of rounds.
+        between: p-value of the differences between runs, by source; NaN with one run.
+        makes: (S,) [m] largest vibration from a unit of each source at a sensor's point in any direction.
     """
 
     problem: SourceProblem
@@ -127,7 +127,7 @@ class Identification:
 
     @cached_property
     def estimates(self) -> "tuple[Estimate, ...]":
-        """What is known of each source."""
+        """Estimate of each source."""
         found = []
         for k, source in enumerate(self.problem.sources):
             parts = self.place.parts[:, k]
@@ -143,7 +143,7 @@ class Identification:
 
     @cached_property
     def _pooled(self) -> list[tuple[np.ndarray, float, float]]:
-        """Of each source the weights of the phase groups in its amplitude, its sd, and the chance that they differ."""
+        """For each source: weights of the phase groups in its amplitude, its sd, and the p-value of differences."""
         (groups, count), found = self.place.parts.shape[:2], []
         for k in range(count):
             parts, ways = self.place.parts[:, k], _ways(self.place.parts[:, k])
@@ -156,7 +156,7 @@ class Identification:
 
     @property
     def agreement(self) -> Float[np.ndarray, "S"]:
-        """Probability that runs and phase groups differ so much in a source by chance; NaN where nothing compares."""
+        """P-value of the differences between runs and phase groups, by source; NaN without a comparison."""
         return np.fmin(self.between, [chance for *_, chance in self._pooled])
 
     @property
@@ -171,7 +171,7 @@ class Identification:
 
     @property
     def moved(self) -> dict[str, float]:
-        """By how many standard deviations a priori all that has a prior has moved: numbers, clocks, sensors."""
+        """Shift of each unknown with a prior (numbers, clocks, sensors), in prior standard deviations."""
         problem, place = self.problem, self.place
         sd = np.sqrt(np.diag(problem.prior.covariance))
         shifts = dict(zip(problem.prior.groups, ((place.changes - problem.prior.mean) / sd).tolist(), strict=True))
@@ -198,12 +198,12 @@ class Identification:
         return found | masses | excited_by(sources, parts)
 
     def draws(self, count: int, seed: int = 0, group: int = 0) -> dict[str, Float[np.ndarray, "D"]]:
-        """Return draws of the same numbers, by path [SI], from the normal distribution about the point."""
+        """Return draws of the same numbers, by path [SI], from the normal distribution around the point."""
         drawn = [self.numbers(group, place) for place in self.places(count, seed)]
         found = {path: np.array([each[path] for each in drawn]) for path in drawn[0]}
         middle = self.numbers(group)
         seen = (each for each in self.problem.sources if each.phase in found)
-        for source in seen:  # so that half of the phases lie on either side, whatever their turn
+        for source in seen:  # so that half of the phases lie on either side, in spite of the wrap
             turned = found[source.phase] - middle[source.phase]
             found[source.phase] = middle[source.phase] + np.angle(np.exp(1j * turned))
         return found
@@ -213,7 +213,7 @@ class Identification:
         return np.stack([place.factors for place in self.places(count, seed)])
 
     def places(self, count: int, seed: int = 0) -> "list[Place]":
-        """Return draws of all unknowns; what sources have beyond the rest is widened by `consistency`."""
+        """Return draws of all unknowns; the sources' own part of the scatter is widened by `consistency`."""
         rng, groups = np.random.default_rng(seed), self.place.parts.shape[0]
         wide, sd = np.ones(len(self.covariance)), np.sqrt(self.consistency)
         of_linear = np.append(sd[np.array([trial.source for trial in self.problem.trials], int)], np.tile(sd, groups))
@@ -223,7 +223,7 @@ class Identification:
 
 
 def gain(measured: Float[np.ndarray, "T"], computed: Float[np.ndarray, "T"]) -> float:
-    """Return how much of a computed vibration the measured one has in it: 1 where the model is right, noise or not."""
+    """Return the regression factor of measured on computed vibration: 1 for a correct model, whatever the noise."""
     return float(measured @ computed / max(computed @ computed, 1e-300))
 
 
@@ -240,14 +240,14 @@ def _ways(parts: Float[np.ndarray, "*k 2"]) -> Float[np.ndarray, "*k 2"]:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What is known of a source.
+    """Estimate of a source.
 
     Attributes:
-        source: which.
+        source: the source.
         amplitude: in its units, mm or arc seconds.
-        sd: standard deviation of that.
+        sd: standard deviation of the amplitude.
         phase: (G,) [rad] in each phase group.
-        phase_sd: (G,) [rad] of that.
+        phase_sd: (G,) [rad] standard deviation of the phase.
     """
 
     source: ExcitingOrder
@@ -263,12 +263,12 @@ class Estimate:
 
     @property
     def told(self) -> bool:
-        """Whether the runs tell it: its interval keeps off 0, and is no wider than half of it either way."""
+        """Whether the runs determine it: half its 95 % interval is less than half of the amplitude."""
         return bool(self.amplitude > least_told(self.sd))
 
 
 def least_told(sd: Float[np.ndarray, "*S"] | float) -> Float[np.ndarray, "*S"] | float:
-    """Return the least amplitude that is told with a standard deviation: half its 95 % interval is `WIDE` of it."""
+    """Return the least determined amplitude at a standard deviation: half its 95 % interval is `WIDE` of it."""
     return sd * LEVEL / WIDE
 
 
@@ -276,10 +276,10 @@ class Point(NamedTuple):
     """A point of the search.
 
     Attributes:
-        problem: traces, what may excite the arm, what is known.
+        problem: traces, possible sources and priors.
         place: all unknowns.
-        responses: what the sensors see of unit sources there, run by run.
-        whitenings: what takes the slow part out of each channel and makes its noise white, or what else is done to it.
+        responses: the sensors' responses to unit sources there, run by run.
+        whitenings: of each channel: removes the slow part and whitens the noise, or another linear operation.
     """
 
     problem: SourceProblem
@@ -288,7 +288,7 @@ class Point(NamedTuple):
     whitenings: Sequence[Any]
 
     def sums(self, number: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return A'A, A'y and y'y of a channel's unit sources A, and of what it measured beyond the motion itself y."""
+        """Return A'A, A'y and y'y, with a channel's unit sources A and its measurement minus the motion itself y."""
         channel = self.problem.channels[number]
         sure, columns, _ = self.problem.seen(number, self.responses[channel.run], self.place)
         both = self.whitenings[number](np.column_stack([channel.values - sure, columns]))
@@ -296,7 +296,7 @@ class Point(NamedTuple):
         return A.T @ A, A.T @ y, float(y @ y)
 
     def fitted(self) -> tuple["Point", float]:
-        """Return the point with the sources that fit best, all else as it is, and what is left, priors included."""
+        """Return the point with the best-fitting sources, all else fixed, and its cost, priors included."""
         problem, place, count = self.problem, self.place, self.place.factors.size + self.place.parts.size
         normal, right, total = np.zeros((count, count)), np.zeros(count), 0.0
         for k, channel in enumerate(problem.channels):
@@ -313,7 +313,7 @@ class Point(NamedTuple):
         return self._replace(place=place), float(total - right @ found + off @ precision @ off)
 
     def plain(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return of each channel the residual and what was measured, the slow part left out."""
+        """Return the residual and the measurement of each channel, without the slow part."""
         found = []
         for k, channel in enumerate(self.problem.channels):
             sure, columns, _ = self.problem.seen(k, self.responses[channel.run], self.place)
@@ -332,7 +332,7 @@ class Point(NamedTuple):
         return Whitened.of(whitening(whole) for whitening, whole in zip(self.whitenings, self.sloped(), strict=True))
 
     def sloped(self) -> list[np.ndarray]:
-        """Return of each channel (T, 1 + n) the residual, and slopes by all unknowns."""
+        """Return (T, 1 + n) for each channel: the residual, and slopes by all unknowns."""
         problem, place, slopes = self.problem, self.place, self.problem.slopes(self.place)
         sizes = [part.size for part in place]
         clock_at, tilt_at, sensor_at, linear_at = np.cumsum(sizes)[:4]
@@ -372,9 +372,10 @@ class Point(NamedTuple):
     def recoloured(
         self, rests: Sequence[np.ndarray], precision: np.ndarray, step: np.ndarray
     ) -> tuple["Point", Whitened, np.ndarray, np.ndarray]:
-        """Return the point with what whitens the residuals that are expected after a step, and what `stepped` gives.
+        """Return the point with whitenings for the residuals expected after a step, and the results of `stepped`.
 
-        Each changes the other. Slopes tell the residuals after a step: both are found together, without a simulation.
+        Whitening and step depend on each other. The slopes predict the residuals after a step, so that both are
+        iterated without a simulation.
         """
         found = list(self.whitenings)
         for _ in range(NOISE_PASSES):
@@ -390,7 +391,7 @@ class Point(NamedTuple):
         return point, parts, precision, step
 
     def descended(self, step: np.ndarray, before: float) -> "Point":
-        """Return the point after a step, shortened to a tenth at most until less is left, with the best sources."""
+        """Return the point after a step, with the best sources; shorten the step, down to a tenth, until it helps."""
         for share in (1.0, 0.5, 0.25, 0.1):
             tried = self.place.moved(share * step)
             point, left = self._replace(place=tried, responses=self.problem.responses(tried)).fitted()
@@ -400,11 +401,11 @@ class Point(NamedTuple):
 
 
 def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
-    """Identify what excites an arm.
+    """Identify the excitation of an arm.
 
     Args:
-        problem: what was measured, what may excite, what is known.
-        progress: shows how far the search is, round by round.
+        problem: traces, possible sources and priors.
+        progress: shows progress of the search, round by round.
 
     Raises:
         InputError: see `simulate`.
@@ -413,7 +414,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     place = problem.start._replace(changes=problem.prior.mean.copy())
     responses, whitenings = problem.responses(place), [Whitening(slow_columns(c), np.ones(1)) for c in problem.channels]
     place = place._replace(clock=clock_offsets(problem, responses, place)[0])
-    # first without sources, each channel by its own size
+    # start without sources, each channel scaled by its own size
     point = Point(problem, place, responses, whitenings).sized().fitted()[0].sized()
     settled, rounds, coloured = False, 0, False
     for rounds in progress(range(1, MOST_ROUNDS + 1)):
@@ -422,7 +423,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
         parts, precision, step = point.stepped(rests)
         small = _small(step, precision, SETTLED)
         settled = small and coloured
-        if rounds < RECOLOURED and (small or rounds > 1):  # the first residuals are those of wrong stiffnesses
+        if rounds < RECOLOURED and (small or rounds > 1):  # wrong stiffnesses dominate the first residuals
             point, parts, precision, step = point.recoloured(rests, precision, step)
             coloured = True
         point, before = point.fitted()
@@ -442,9 +443,9 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
 def clock_offsets(
     problem: SourceProblem, responses: Sequence[Response], place: Place, known: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return clocks whose offsets leave least (R, 2), and the share of each run's energy that they leave (R,).
+    """Return clocks with the offsets of least residual (R, 2), and the residual share of each run's energy (R,).
 
-    Tried run by run, with sources of its own, or with known ones (2 S,).
+    Trials are run by run, with separate sources for each run, or with known ones (2 S,).
     """
     thin = [replace(each, time=each.time[::THINNED], values=each.values[::THINNED]) for each in problem.channels]
     problem, clock, shares = replace(problem, channels=tuple(thin)), place.clock.copy(), np.ones(len(problem.runs))
@@ -477,12 +478,12 @@ def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _small(step: np.ndarray, precision: np.ndarray, share: float) -> bool:
-    """Tell whether a step is shorter than a share of the standard deviation of each unknown."""
+    """Whether a step is shorter than a share of the standard deviation of each unknown."""
     return bool((np.abs(step) < share * np.sqrt(np.diag(np.linalg.inv(precision)))).all())
 
 
 def _blocks(problem: SourceProblem, parts: Whitened, k: int) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """Return of each block of each channel its run, and information (2, 2) and score (2,) of a source's parts."""
+    """Return for each block of each channel its run, and information (2, 2) and score (2,) of a source's parts."""
     first, count, found = sum(part.size for part in problem.start[:-1]), 2 * len(problem.sources), []
     for channel, residual, columns in zip(problem.channels, parts.residual, parts.columns, strict=True):
         at = first + problem.groups[channel.run] * count + 2 * k
@@ -494,10 +495,10 @@ def _blocks(problem: SourceProblem, parts: Whitened, k: int) -> list[tuple[int, 
 
 
 def _consistency(problem: SourceProblem, parts: Whitened) -> Float[np.ndarray, "S"]:
-    """Return how much more than noise blocks of the motion differ in what they say of each source.
+    """Return the variance between blocks of the motion for each source, over that expected from noise.
 
-    Of each block that tells something of a source, score' information^-1 score is chi-squared of two degrees of freedom
-    where the model is right: their mean over 2, and 1 where chance alone makes it as large in one of twenty cases.
+    For each block that is informative about a source, score' information^-1 score is chi-squared with two degrees of
+    freedom if the model is right. Returns their mean over 2, or 1 where chance reaches it in one of twenty cases.
     """
     found = np.ones(len(problem.sources))
     for k in range(len(problem.sources)):
@@ -514,10 +515,10 @@ def _consistency(problem: SourceProblem, parts: Whitened) -> Float[np.ndarray, "
 
 
 def _between(problem: SourceProblem, parts: Whitened) -> Float[np.ndarray, "S"]:
-    """Return the probability that what each run alone says of a source differs so much by chance; NaN with one run."""
+    """Return the p-value of the differences between the runs' own estimates of each source; NaN with one run."""
     found = np.full(len(problem.sources), np.nan)
     for k in range(len(problem.sources)):
-        tried = sum(trial.source == k for trial in problem.trials)  # such a run agrees by its own factor
+        tried = sum(trial.source == k for trial in problem.trials)  # a trial run's own factor takes up its difference
         freedom = 2 * (len(problem.runs) - max(problem.groups) - 1 - tried)
         if not freedom:
             continue
@@ -531,14 +532,14 @@ def _between(problem: SourceProblem, parts: Whitened) -> Float[np.ndarray, "S"]:
 
 
 def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarray, "S"]:
-    """Return the standard deviation [units] that each source's amplitude would have with a further run.
+    """Return the expected standard deviation [units] of each source's amplitude with a further run.
 
-    In the first phase group, measured by the sensors of the first run with their noise.
+    The run is in the first phase group, with the sensors of the first run and their noise.
 
     Args:
-        found: what is known without it.
+        found: identification without the run.
         run: the run.
-        rate: samples a second.
+        rate: [Hz] sampling rate.
     """
     problem, place = found.problem, found.place
     own = [k for k, channel in enumerate(problem.channels) if channel.run == 0]
@@ -554,7 +555,7 @@ def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarr
 def amplitude_sd(covariance: Float[np.ndarray, "P P"], parts: Float[np.ndarray, "S 2"]) -> Float[np.ndarray, "S"]:
     """Return standard deviations of amplitudes from the covariance of the parts of one phase group, P = 2 S.
 
-    Along the parts; their root mean square where an amplitude is 0, which has no direction.
+    Taken along the parts; a zero amplitude has no direction, and gets the root mean square of both.
     """
     blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(parts))]
     squares = [p @ b @ p / (p @ p) if p.any() else np.trace(b) / 2 for p, b in zip(parts, blocks, strict=True)]
@@ -562,7 +563,7 @@ def amplitude_sd(covariance: Float[np.ndarray, "P P"], parts: Float[np.ndarray, 
 
 
 def further_run(problem: SourceProblem, run: Run, sensors: Sequence[int], rate: float) -> SourceProblem:
-    """Return a run that is not measured yet, seen by some of its sensors, as a problem of the same arm and sources."""
+    """Return the problem of a planned run with some of its sensors, with the same arm and sources."""
     time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
     channels = tuple(Channel("", 0, sensor, time, np.zeros(len(time))) for sensor in sensors)
     return replace(problem, runs=(run,), groups=(0,), channels=channels, trials=())
@@ -576,13 +577,13 @@ def noisy_columns(problem: SourceProblem, place: Place, noise: Sequence[float]) 
 
 
 def shared_unknowns(place: Place) -> np.ndarray:
-    """Return the places of what a further run of the first phase group shares: the arm's numbers, sources' parts."""
+    """Return indices of unknowns shared with a further run of the first phase group: arm's numbers, sources' parts."""
     first = sum(part.size for part in place[:-1])
     return np.r_[0 : place.changes.size, first : first + place.parts[0].size]
 
 
 def shared_information(alone: SourceProblem, columns: Sequence[np.ndarray]) -> Float[np.ndarray, "K K"]:
-    """Return what a run alone tells of what it shares, its clock and its sensors' errors being its own.
+    """Return the information of a run about the shared unknowns; its clock and sensor errors are its own.
 
     Args:
         alone: the run.

@@ -1,7 +1,7 @@
-"""Traces of a moving arm, what may excite it and what is known of it, as a problem that is linear in its sources.
+"""Traces of a moving arm, possible sources of its excitation and priors, as a problem that is linear in the sources.
 
-A sensor's trace is linear in the two components of each source; in stiffnesses, damping, the clock and the direction of
-the sensor it is not, and these are known a priori within limits. See `source_identification` for the search.
+A sensor's trace is linear in the two components of each source. It is nonlinear in stiffnesses, damping, the clock and
+the direction of the sensor, which have priors. See `source_identification` for the search.
 """
 
 from collections.abc import Mapping
@@ -22,9 +22,9 @@ from ident.errors import refusal
 from ident.vibrate.unit_response import Response, Run, Sensor, changed_responses, masses_of, unit_response
 
 SLOW = 0.5
-"""Frequency [Hz] below which a trace is left out: drift, the motion itself; assumed."""
+"""Frequency [Hz] below which a trace is not used: drift, the motion itself; assumed."""
 STEP = 1e-4
-"""Relative step of differences by stiffness and damping: of a resonance with a quality of 200 they err by 2 %."""
+"""Relative step of finite differences by stiffness and damping: 2 % error at a resonance with quality factor 200."""
 DAMPING_SD = 0.7
 """Standard deviation of ln(damping), of bending and torsion each: a factor of two; assumed."""
 CLOCK_SD = 1e-4
@@ -32,7 +32,7 @@ CLOCK_SD = 1e-4
 TILT_SD = np.deg2rad(2.0)
 """Standard deviation of a sensor's direction [rad] each way; assumed."""
 TIED = 1e-6
-"""Share of a variance that numbers do not have in common, even where draws tie them; else no precision exists."""
+"""Least independent share of a variance, even where draws tie numbers together; otherwise no precision exists."""
 STIFFNESS_SD = 0.1
 """Standard deviation of ln(stiffness) where no posterior is given; assumed."""
 LEVEL = 1.96
@@ -67,10 +67,10 @@ class Channel:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of the arm's numbers before the runs, as changes from its values: ln(factor).
+    """Prior of the arm's numbers before the runs, as changes from its values: ln(factor).
 
     Attributes:
-        groups: paths that change together, by the name of the unknown.
+        groups: paths with a common change, by the name of the unknown.
         mean: (P,) changes.
         covariance: (P, P) of them.
     """
@@ -81,15 +81,15 @@ class Prior:
 
     @classmethod
     def of(cls, arm: Arm, draws: Mapping[str, Float[np.ndarray, "D"]]) -> "Prior":
-        """Return the normal distribution of some draws' changes, and what is assumed of all else.
+        """Return the normal distribution of the draws' changes, with the assumed one of all other numbers.
 
         Args:
-            arm: from whose numbers changes count.
-            draws: of numbers of the arm, by path, of which stiffness and damping count; a stiffness that none is of is
-                known within `STIFFNESS_SD`.
+            arm: reference for the changes.
+            draws: of numbers of the arm, by path; stiffness and damping are used. A stiffness without draws has the
+                standard deviation `STIFFNESS_SD`.
 
         Raises:
-            InputError: so few draws that they have no covariance.
+            InputError: too few draws for a covariance.
         """
         stiffnesses = stiffness_paths(arm)
         damping = [path for path in arm.paths() if path.endswith((*DAMPING, *LOSS, ALPHA))]
@@ -127,7 +127,7 @@ class Place(NamedTuple):
         clock: (R, 2) offset [s] and relative rate of each run's clock.
         tilt: (C, 2) [rad] of each channel's direction, about two axes across it.
         calibration: (W,) relative error of each sensor's; none where they count as exact.
-        factors: (F, 2) by which each trial mass acts, real and imaginary part; 1 where model and table are right.
+        factors: (F, 2) on each trial mass, real and imaginary part; 1 if model and table are right.
         parts: (G, S, 2) of the sources in each phase group, in units.
     """
 
@@ -150,7 +150,7 @@ class Place(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """A mass that was added to a drive for a run.
+    """A trial mass on a drive during a run.
 
     Attributes:
         run: number of the run.
@@ -164,11 +164,11 @@ class Trial(NamedTuple):
 
 
 class Whitening(NamedTuple):
-    """What takes the slow part out of a channel, and makes its noise white and of unit variance.
+    """Detrending and whitening of a channel, to noise of unit variance.
 
     Attributes:
         slow: (T, K) orthonormal slow columns.
-        filter: (L + 1,) coefficients; the first L results are left out.
+        filter: (L + 1,) coefficients; the first L results are dropped.
     """
 
     slow: np.ndarray
@@ -190,7 +190,7 @@ class Whitening(NamedTuple):
 def slow_columns(channel: Channel) -> np.ndarray:
     """Return cosines over the trace slower than `SLOW`, a constant and a line, orthonormal.
 
-    At the middles of even intervals cosines are orthogonal, the discrete cosine transform's: nothing is decomposed.
+    Cosines at the middles of even intervals are orthogonal (discrete cosine transform), so no decomposition is needed.
     """
     size = len(channel.time)
     count = int(2 * SLOW * (channel.time[-1] - channel.time[0]))
@@ -201,7 +201,7 @@ def slow_columns(channel: Channel) -> np.ndarray:
 
 
 def lag_sums(columns: np.ndarray, lags: int) -> Float[np.ndarray, "L"]:
-    """Return the sums of products of columns (T, K), or of one (T,), with themselves, by samples in between."""
+    """Return the lag products of columns (T, K), or of one (T,), summed, by lag in samples."""
     flat, width = columns.ravel(), columns[0].size
     return np.array([flat[: flat.size - k * width] @ flat[k * width :] for k in range(lags + 1)])
 
@@ -215,9 +215,9 @@ def taken_out(
 ) -> Float[np.ndarray, "L"]:
     """Return the lag sums that detrending and fitting have removed from the noise.
 
-    The slow part had noise as strong, per frequency, as what is three times as wide beside it. A fit of columns C with
-    covariance V leaves of noise with covariance S on average S - C V C'. A noise model without either is too small near
-    the slow part, where arms vibrate: intervals by three runs of 30 s and 20 lags were 3 % too short.
+    The noise of the slow part has the spectral density of the next band, three times as wide. A fit of columns C with
+    covariance V reduces the noise covariance S to S - C V C' on average. A noise model without both corrections is too
+    small near the slow part, where arms vibrate: intervals from three runs of 30 s with 20 lags were 3 % too short.
     """
     beside = dct(left, norm="ortho")[slow.shape[1] :][: 3 * slow.shape[1]]
     fitted = columns @ np.linalg.cholesky(covariance)
@@ -242,17 +242,17 @@ def whitening_filter(residual: np.ndarray, lags: int, missing: Float[np.ndarray,
 
 @dataclass(frozen=True)
 class SourceProblem:
-    """Traces of some runs, what may excite the arm, and what is known of it.
+    """Traces of some runs, possible sources of excitation, and priors.
 
     Attributes:
         arm: the arm.
         runs: the motions, with their sensors.
-        groups: of each run, the number of its phase group: within one the pulleys have kept their phases.
+        groups: number of each run's phase group, within which the pulleys keep their phases.
         channels: the traces.
-        sources: what may excite the arm.
+        sources: possible sources of excitation.
         prior: of the arm's numbers.
-        offset: [s] by which a clock may be wrong.
-        trials: masses that were added, one at most of each source in a run.
+        offset: [s] largest error of a clock.
+        trials: trial masses, at most one for each source in a run.
         calibration: standard deviation of the relative error of each sensor's calibration, the same in all runs.
     """
 
@@ -268,17 +268,17 @@ class SourceProblem:
 
     @cached_property
     def masses(self) -> dict[str, float]:
-        """Eccentric masses [kg] with which the eccentricities count, by drive."""
+        """Eccentric masses [kg] that belong to the eccentricities, by drive."""
         return masses_of(self.arm, self.sources)
 
     @cached_property
     def measuring(self) -> tuple[Sensor, ...]:
-        """Of each channel, its sensor."""
+        """Sensor of each channel."""
         return tuple(self.runs[each.run].sensors[each.sensor] for each in self.channels)
 
     @cached_property
     def sensors(self) -> tuple[int, ...]:
-        """Of each channel, the number of its sensor: those of one point, direction and quantity are one."""
+        """Number of each channel's sensor: equal for the same point, direction and quantity."""
         order = list(dict.fromkeys(self.measuring))
         return tuple(order.index(sensor) for sensor in self.measuring)
 
@@ -293,7 +293,7 @@ class SourceProblem:
 
     @cached_property
     def mixing(self) -> tuple[np.ndarray, ...]:
-        """Of each run (2 S, n): its sources' parts by the n linear unknowns, `factors` and then `parts`.
+        """Matrix (2 S, n) of each run: its sources' parts by the n linear unknowns, `factors` and then `parts`.
 
         Parts a + i b are a complex number, and so is a trial mass's t: it adds f t where its factor is f.
         """
@@ -310,13 +310,13 @@ class SourceProblem:
         return tuple(every)
 
     def parts_of(self, run: int, place: Place) -> Float[np.ndarray, "S 2"]:
-        """Return the parts of all sources during a run, its trial masses with them, in units."""
+        """Return the parts of all sources during a run, trial masses included, in units."""
         linear = np.concatenate([place.factors.ravel(), place.parts.ravel()])
         return np.asarray((self.mixing[run] @ linear).reshape((-1, 2)))
 
     @cached_property
     def priors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Precision (n, n) and mean (n,) of all unknowns a priori; of the sources only that they are not absurd."""
+        """Prior precision (n, n) and mean (n,) of all unknowns; very wide for the sources."""
         _, _, *sizes = (part.size for part in self.start)
         clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
         rest = np.append(clock, np.repeat([TILT_SD, self.calibration, LARGEST, LARGEST], sizes))
@@ -328,12 +328,12 @@ class SourceProblem:
         return self.arm.replace(self.prior.numbers(self.arm, place.changes))
 
     def responses(self, place: Place) -> list[Response]:
-        """Return what the sensors see of unit sources, run by run."""
+        """Return the sensors' responses to unit sources, run by run."""
         arm = self.arm_at(place)
         return [unit_response(arm, run, self.sources) for run in self.runs]
 
     def slopes(self, place: Place) -> list[Response]:
-        """Return what the sensors see of the sources as they are, run by run, and with each number changed a little."""
+        """Return the sensors' responses to the current sources, run by run, also with each number changed slightly."""
         steps = STEP * np.vstack([np.zeros(len(place.changes)), np.eye(len(place.changes))])
         numbers = [self.prior.numbers(self.arm, place.changes + step) for step in steps]
         arm = self.arm_at(place)
@@ -346,18 +346,18 @@ class SourceProblem:
         return np.asarray(channel.time * (1 + rate) + offset)
 
     def factor(self, number: int, place: Place) -> float:
-        """Return what a channel shows of a unit."""
+        """Return the calibration factor of a channel."""
         return 1 + float(place.calibration[self.sensors[number]]) if self.calibration else 1.0
 
     def across(self, direction: np.ndarray) -> np.ndarray:
-        """Return two directions (T, 2, 3) across a sensor's, into which it may be tilted."""
+        """Return two directions (T, 2, 3) normal to a sensor's, for its tilts."""
         least = np.eye(3)[np.argmin(np.abs(direction).max(0))]
         first = np.cross(direction, least)
         first /= np.linalg.norm(first, axis=1, keepdims=True)
         return np.stack([first, np.cross(direction, first)], 1)
 
     def seen(self, number: int, response: Response, place: Place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what a channel sees of the motion (T,), of unit sources (T, 2 S), and by tilts (T, 2, 1 + 2 S)."""
+        """Return a channel's response to the motion (T,), to unit sources (T, 2 S), and tilts (T, 2, 1 + 2 S)."""
         channel = self.channels[number]
         values, direction = response.at(channel.sensor, self.clock_of(channel, place))
         across = self.across(direction)

@@ -73,7 +73,7 @@ def samples(time: ArrayLike, values: ArrayLike) -> Samples:
 
 
 def band_problems(low: float, high: float) -> Iterator[Problem]:
-    """Yield what is wrong with a band of frequencies [Hz]."""
+    """Yield the problems of a frequency band [Hz]."""
     if not 0 <= low < high:
         yield Problem("band", f"{low:g} to {high:g} Hz", "0 <= low < high", "give the lower frequency first")
 
@@ -249,7 +249,7 @@ def peaks(spectrum: Spectrum, count: int, between: tuple[float, float] = (0.0, n
     """Return the largest local maxima, the largest first, refined by a parabola through three logarithms.
 
     For a steady sine and a Hann window the frequency is within 0.02 bins, and the amplitude up to 4 % too large midway
-    between bins. A window's side lobes and noise are maxima as well: what is far below the first may be either.
+    between bins. Side lobes of the window and noise are maxima as well: a maximum far below the first may be either.
 
     Args:
         spectrum: of a single trace.

@@ -19,12 +19,12 @@ from ident.vibrate.simulate import RATE, simulate
 DIRECTIONS = ("x", "y", "z")
 METHODS = ("both", "fast", "exact")
 BATCH = 16
-"""Draws that are simulated together: fewer cost little time each, more cost memory."""
+"""Draws per batch of simulation: fewer are hardly slower per draw, more need memory."""
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """How large a vibration is in each direction, `(3, *draws)` each.
+    """Size of a vibration in each direction, `(3, *draws)` each.
 
     Attributes:
         peak: [m] largest magnitude.

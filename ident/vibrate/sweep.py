@@ -1,4 +1,4 @@
-"""How the vibration depends on one or two numbers of the arm, or on its speed."""
+"""Dependence of the vibration on one or two numbers of the arm, or on its speed."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -29,11 +29,11 @@ from ident.vibrate.variable import (
 
 @dataclass(frozen=True)
 class Axis(Paths):
-    """A number that is swept, see `Variable`.
+    """A swept number, see `Variable`.
 
     Attributes:
         values: (K,) of the first of the numbers [SI], or [%]
-        present: as it is [SI or %]
+        present: present value [SI or %]
     """
 
     values: Float[np.ndarray, "K"]
@@ -41,7 +41,7 @@ class Axis(Paths):
 
     @property
     def variable(self) -> Variable:
-        """The same as what may be changed."""
+        """The axis as a variable."""
         return Variable(self.paths, float(self.values.min()), float(self.values.max()))
 
 
@@ -53,7 +53,7 @@ class Sweep:
         axes: one or two.
         measure: of the vibration, see `simulate.MEASURES`.
         amplitude: (3, *grid) [m] of the arm itself.
-        present: (3,) [m] as the arm is.
+        present: (3,) [m] of the present arm.
         draws: (3, *grid, D) [m] of draws; None without.
     """
 
@@ -78,17 +78,17 @@ class Sweep:
 def sweep(evaluator: Evaluator, axes: Sequence[Axis], progress: Progress = iter) -> Sweep:
     """Simulate a motion at every point of a grid, and for every draw, by the fast method.
 
-    A number is changed by a factor or a difference, which is that of every draw. At another speed the same path is
-    passed on another clock, pauses included, and sampled as often.
+    A number changes by a factor or a difference, the same for every draw. Another speed scales the time of the same
+    path, pauses included, with the same number of samples.
 
     Args:
-        evaluator: arm, motion and measure; it changes nothing by itself.
-        axes: one or two, of which one may be the speed.
-        progress: shows how far it is, over batches of simulations.
+        evaluator: arm, motion and measure, without variables of its own.
+        axes: one or two; one may be the speed.
+        progress: shows progress over batches of simulations.
 
     Raises:
-        InputError: see `simulate`; axes that share a number.
-        ModelError: the arm has no stable equilibrium at some point of the grid, which is named.
+        InputError: see `simulate`; or axes share a number.
+        ModelError: the arm has no stable equilibrium at a point of the grid, named in the message.
     """
     _check(evaluator.arm, axes)
     if len(axes) > 2:
@@ -111,7 +111,7 @@ def sweep(evaluator: Evaluator, axes: Sequence[Axis], progress: Progress = iter)
 
 
 def sweeps(evaluator: Evaluator, axes: Sequence[Axis], progress: Progress = iter) -> tuple[Sweep, ...]:
-    """Sweep several numbers one by one, the others as they are; all but the speed in one batch. See `sweep`."""
+    """Sweep several numbers one at a time, the others fixed; all but the speed in one batch. See `sweep`."""
     _check(evaluator.arm, axes)
     turning = [axis for axis in axes if not axis.is_speed]
     by_name: dict[str, Sweep] = {axis.name: sweep(evaluator, [axis], progress) for axis in axes if axis.is_speed}
@@ -131,7 +131,7 @@ def sweeps(evaluator: Evaluator, axes: Sequence[Axis], progress: Progress = iter
 def _at_speeds(
     evaluator: Evaluator, changes: np.ndarray, ratios: Sequence[float], progress: Progress
 ) -> tuple[Float[np.ndarray, "3 1 D"], Float[np.ndarray, "3 places D"]]:
-    """Simulate as it is and at several speeds, with as many samples and steps at each as at the slowest."""
+    """Simulate at the present and at several speeds, each with the number of samples and steps of the slowest."""
     slowest = min(ratios)
     step = evaluator.step or replace(evaluator, motion=evaluator.motion.at_speed(100 * slowest)).step_for(changes)
 
@@ -150,7 +150,7 @@ def _changes(evaluator: Evaluator, places: Float[np.ndarray, "G V"]) -> Float[np
 
 
 def _check(arm: Arm, axes: Sequence[Axis]) -> None:
-    """Refuse axes that share a number, and values that it can't have."""
+    """Refuse axes that share a number, and impossible values."""
     paths = [path for axis in axes for path in axis.paths]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if not axes or twice:
@@ -163,18 +163,18 @@ def _check(arm: Arm, axes: Sequence[Axis]) -> None:
 
 
 # -------- Ranges
-# From where to where a number is swept, or may be changed: bounds as they are given, and the usual ones.
+# Range of a number for a sweep or a change: given and default bounds.
 
 SWEPT, CHANGED = (0.4, 2.5), (0.5, 2.0)
-"""Factors on the present value between which a number is swept, the speed too, and between which it may be changed."""
+"""Default range as factors on the present value: of a sweep (also of the speed), and of a change."""
 SHARE = 0.2
-"""Of a body's extent, to either side of the present mass centre, where it is swept."""
+"""Default range of a mass centre to either side, as a share of its body's extent."""
 DISTANCE = 0.1
-"""To either side of any other coordinate [m]."""
+"""Default range of any other coordinate to either side [m]."""
 COUNT, MAP_COUNT = 21, 15
-"""Values of a parameter that is swept alone, and on a map."""
+"""Default number of values of a single sweep, and of each axis of a map."""
 MOST, MOST_ON_MAP = 500, 10_000
-"""Values of a parameter, and points of a map."""
+"""Most values of a sweep, and most points of a map."""
 
 
 @dataclass(frozen=True)
@@ -183,24 +183,24 @@ class Bound:
 
     Attributes:
         number: SI or %, or a multiple of the present value.
-        times: whether it is a multiple.
+        times: whether the number is a multiple.
     """
 
     number: float
     times: bool = False
 
     def of(self, present: float) -> float:
-        """Return it in SI or %."""
+        """Return the bound in SI or %."""
         return self.number * present if self.times else self.number
 
 
 @dataclass(frozen=True)
 class Range(Paths):
-    """A number, or several that go together, from where to where.
+    """Range of a number, or of several that change together.
 
     Attributes:
-        bounds: lower and upper; None for those that suit the number.
-        third: how many values it is swept over, or how dear it is to change; None for the usual.
+        bounds: lower and upper; None for the defaults.
+        third: number of values of a sweep, or weight of a change; None for the default.
     """
 
     bounds: tuple[Bound, Bound] | None = None
@@ -208,16 +208,16 @@ class Range(Paths):
 
 
 def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None = None, usual: int = COUNT) -> Axis:
-    """Return the axis of a range that is swept.
+    """Return the axis of a sweep over a range.
 
     Coordinates are spaced evenly, and so is the speed between bounds in %; all else by equal factors.
 
     Args:
-        arm: as it is.
-        interval: the range; its third number is how many values there are.
+        arm: the present arm.
+        interval: the range; its third number is the number of values.
         percent: present speed [%]
         extents: of the arm's bodies; a mass centre stays within.
-        usual: number of values unless the range says it.
+        usual: default number of values.
     """
     is_speed, bounds = interval.is_speed, interval.bounds
     shifted = _is_shifted(arm, interval)
@@ -243,13 +243,13 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
 
 
 def variable_of(arm: Arm, interval: Range, extents: Extents | None = None, *, softer: bool = True) -> Variable:
-    """Return what may be changed within a range.
+    """Return the variable of a range.
 
     Args:
-        arm: as it is.
+        arm: the present arm.
         interval: the range; its third number is the weight.
         extents: of the arm's bodies; a mass centre stays within.
-        softer: whether a stiffness without bounds may fall, too.
+        softer: whether a stiffness without bounds may also decrease.
     """
     if SPEED in interval.paths:
         raise refusal("", "the speed", "a number of the arm", "sweep it instead (ident sweep)")
@@ -265,7 +265,7 @@ def variable_of(arm: Arm, interval: Range, extents: Extents | None = None, *, so
 
 
 def _is_shifted(arm: Arm, interval: Range) -> bool:
-    """Tell whether all numbers of a range are changed by a difference; refuse those that do not go together."""
+    """Whether all numbers of a range change by a difference; refuse a mix with factors."""
     if interval.is_speed:
         return False
     if SPEED in interval.paths:
@@ -282,7 +282,7 @@ def _is_shifted(arm: Arm, interval: Range) -> bool:
 def _ends(
     interval: Range, present: float, shifted: bool, factors: tuple[float, float], share: float | None, extents: Extents
 ) -> tuple[float, float]:
-    """Return the ends of a range; where it has none, by factors, or by a share of a body's extent."""
+    """Return the ends of a range; by default from factors, or from a share of a body's extent."""
     if interval.bounds is not None:
         low, high = (bound.of(present) for bound in interval.bounds)
         return (high, low) if present < 0 and all(bound.times for bound in interval.bounds) else (low, high)
@@ -293,7 +293,7 @@ def _ends(
 
 
 def _about(path: str, present: float, share: float | None, extents: Extents) -> tuple[float, float]:
-    """Return bounds to either side of what is changed by a difference; a mass centre stays within its body."""
+    """Return default bounds for a change by a difference; a mass centre stays within its body."""
     body, field, *component = path.split(".")
     if field == "inertia":
         raise refusal("", "no bounds", "LOW:HIGH for an inertia", "add them, as =1:2 or =0.5x:2x")
@@ -306,12 +306,12 @@ def _about(path: str, present: float, share: float | None, extents: Extents) -> 
 
 
 # -------- Sensitivity
-# What to change first: percent of amplitude per percent of each number of the arm, and where its sign is not sure.
+# What to change first: percent of amplitude per percent of each number of the arm, and where the sign is uncertain.
 
 NEARBY = 0.1
-"""Share of a number by which nearby arms differ in it, either way; assumed."""
+"""Relative difference of nearby arms in a number, either way; assumed."""
 FLAT = 0.002
-"""Share of an amplitude below which a change is none: peaks are sampled; assumed."""
+"""Relative change of an amplitude treated as zero, since peaks are sampled; assumed."""
 
 
 @dataclass(frozen=True)
@@ -320,11 +320,11 @@ class Sensitivities:
 
     Attributes:
         paths: the numbers.
-        present: (P,) [SI] as they are.
-        amplitude: (3,) [m] as it is.
+        present: (P,) [SI] present values.
+        amplitude: (3,) [m] present amplitude.
         elasticity: (P, 3) [-] percent of amplitude per percent of the number, in each direction; 0 where nothing moves.
-        unsure: (P, 3) whether its sign is another for nearby arms: with draws, for more than 5 % of them; without,
-            where `NEARBY` more or less of the number itself changes the amplitude the other way.
+        unsure: (P, 3) whether the sign differs for nearby arms: with draws, for more than 5 % of them; without, where
+            a change of the number by `NEARBY` changes the amplitude the other way.
         draws: (P, 3, D) of the draws; None without.
     """
 
@@ -348,7 +348,7 @@ class Sensitivities:
 
 
 def changeable(arm: Arm) -> tuple[str, ...]:
-    """Return the numbers that are studied: those that a redesign may change, and that are not zero."""
+    """Return the nonzero numbers that a redesign may change."""
     redesigned = [path for path in arm.paths() if (field := field_of(path)) and field.redesigned]
     payloads = {payload.body.name for payload in arm.payloads}
     named = [path for path in redesigned if path.split(".")[0] not in payloads]
@@ -356,17 +356,17 @@ def changeable(arm: Arm) -> tuple[str, ...]:
 
 
 def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, progress: Progress = iter) -> Sensitivities:
-    """Return how the amplitude of an evaluator changes with numbers of the arm, by exact slopes.
+    """Return the sensitivity of an evaluator's amplitude to numbers of the arm, by exact slopes.
 
-    Where an amplitude is a peak, the slope is that of the largest window. See `Evaluator`.
+    The slope of a peak is that of the largest window. See `Evaluator`.
 
-    With phases that are known, or drawn, a number that changes how fast a pulley turns also shifts its vibration in
-    time: a peak that is sampled a little beside its top then has another slope. So slopes by ratios are rough there.
+    With known or drawn phases, a number that changes a pulley's speed also shifts its vibration in time, and a peak
+    sampled slightly off its top has a different slope. So slopes by ratios are rough there.
 
     Args:
-        evaluator: arm, motion and measure; its own variables are not used.
-        paths: the numbers; `changeable` if none are named.
-        progress: shows how far it is, over groups of numbers.
+        evaluator: arm, motion and measure; its variables are not used.
+        paths: the numbers; `changeable` by default.
+        progress: shows progress over groups of numbers.
     """
     paths = tuple(paths) if paths else changeable(evaluator.arm)
     for path in paths:
@@ -389,7 +389,7 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
 
 
 def _turning(evaluator: Evaluator, paths: Sequence[str], elasticity: np.ndarray) -> Bool[np.ndarray, "P 3"]:
-    """Tell where 10 % more or less of a number changes the amplitude, or makes the arm collapse, against its slope."""
+    """Whether 10 % more or less of a number changes the amplitude against its slope, or makes the arm collapse."""
     matters = [k for k, each in enumerate(elasticity) if np.abs(each).max() * NEARBY >= FLAT]
     variables = tuple(Variable((paths[k],), -np.inf, np.inf) for k in matters)
     signs, whole = (1.0, -1.0), replace(evaluator, variables=variables, draws={})
@@ -405,7 +405,7 @@ def _turning(evaluator: Evaluator, paths: Sequence[str], elasticity: np.ndarray)
 
 
 def _against(change: Float[np.ndarray, "V 3"], slope: Float[np.ndarray, "V 3"]) -> Bool[np.ndarray, "V 3"]:
-    """Tell which changes are notable and have not the sign of their slope; a collapse has none."""
+    """Whether changes are notable and differ in sign from their slope; a collapse counts as such."""
     return ~((np.abs(change) < FLAT) | (np.sign(change) == np.sign(slope)))
 
 
@@ -417,28 +417,28 @@ def _elasticities(
     amplitude = np.take_along_axis(parts, worst, 1)[:, 0]
     slope = np.take_along_axis(slopes, worst[None], 2)[:, :, 0]
     scale = np.array([variable.present(arm) if variable.shifted else 1.0 for variable in variables])
-    still = np.broadcast_to(amplitude == 0, slope.shape)  # an arm that moves in a plane: across it nothing vibrates
+    still = np.broadcast_to(amplitude == 0, slope.shape)  # a planar arm does not vibrate across its plane
     return np.where(still, 0.0, slope / np.where(amplitude == 0, 1.0, amplitude)) * scale[:, None, None]
 
 
 # -------- Trend
-# How an amplitude depends on what is swept, in a word: falls, rises, least or largest in between, hardly changed.
+# Trend of an amplitude over a sweep in a word: falls, rises, minimum or maximum in between, flat.
 
 NOTABLE = 0.05
-"""Part of the largest amplitude in a range that counts as a change; assumed."""
+"""Least change, relative to the largest amplitude in a range; assumed."""
 NEAR_FACTOR, NEAR_SHARE = 1.25, 0.15
-"""How far about the present value is near: a factor, or a share of the range of what is changed by a difference."""
+"""Neighbourhood of the present value: a factor, or a share of the range for a change by a difference."""
 LINES = (*DIRECTIONS, "largest")
 """Directions, and the largest of them."""
 
 
 @dataclass(frozen=True)
 class Trend:
-    """How a curve goes.
+    """Trend of a curve.
 
     Attributes:
         shape: `flat`, `falls`, `rises`, `minimum`, `maximum`, or `wavy` with several of them.
-        span: first and last value of what is swept.
+        span: first and last value of the sweep.
         ends: amplitude at both [m]
         least: value and amplitude of the lowest point.
         largest: value and amplitude of the highest point.
@@ -452,7 +452,7 @@ class Trend:
 
 
 def trend(values: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"]) -> Trend:
-    """Return how an amplitude goes with growing values; ups and downs below `NOTABLE` of its largest do not count."""
+    """Return the trend of an amplitude with increasing values, without changes below `NOTABLE` of its largest."""
     turns = _turns(amplitude, NOTABLE * float(amplitude.max()))
     ups = [bool(amplitude[b] > amplitude[a]) for a, b in pairwise(turns)]
     names = {(): "flat", (True,): "rises", (False,): "falls", (False, True): "minimum", (True, False): "maximum"}
@@ -468,7 +468,7 @@ def trend(values: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"]) -> 
 def curve(sweep: Sweep) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "4 K"]]:
     """Return the values of a sweep of one axis, and amplitudes in x, y, z and the largest of them [m].
 
-    The present value is among them, if it lies within the range.
+    Includes the present value if it lies within the range.
     """
     (axis,) = sweep.axes
     values, amplitude = axis.values, sweep.amplitude
@@ -480,7 +480,7 @@ def curve(sweep: Sweep) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "4 K"
 
 
 def trends(sweep: Sweep) -> Iterator[tuple[str, Trend, Trend | None]]:
-    """Yield the trend of each direction and of the largest, over the whole range and about the present value."""
+    """Yield the trend of each direction and of the largest, over the whole range and around the present value."""
     (axis,) = sweep.axes
     values, amplitudes = curve(sweep)
     close = near(axis, values)
@@ -490,7 +490,7 @@ def trends(sweep: Sweep) -> Iterator[tuple[str, Trend, Trend | None]]:
 
 
 def near(axis: Axis, values: Float[np.ndarray, "K"]) -> np.ndarray:
-    """Return which values are near the present one, a neighbour on either side at least; none if it is not within."""
+    """Return which values are near the present one, at least a neighbour on either side; none if it is out of range."""
     if not has_present(axis):
         return np.zeros(len(values), bool)
     if not axis.shifted:
@@ -503,13 +503,13 @@ def near(axis: Axis, values: Float[np.ndarray, "K"]) -> np.ndarray:
 
 
 def has_present(axis: Axis) -> bool:
-    """Tell whether the present value lies within the range."""
+    """Whether the present value lies within the range."""
     slack = 1e-9 * (axis.values[-1] - axis.values[0])
     return bool(axis.values[0] - slack <= axis.present <= axis.values[-1] + slack)
 
 
 def below(values: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"], limit: float) -> list[tuple[float, float]]:
-    """Return the ranges in which an amplitude meets a limit, straight between the values."""
+    """Return the ranges in which an amplitude meets a limit, by linear interpolation."""
     meets, ranges = amplitude <= limit, []
 
     def crossing(k: int) -> float:
@@ -526,7 +526,7 @@ def below(values: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"], lim
 
 
 def _turns(amplitude: np.ndarray, least: float) -> list[int]:
-    """Return the places of start, turning points and end, between which it changes by at least so much."""
+    """Return the indices of start, turning points and end, with at least a given change between them."""
     turns: list[int] = []
     way = low = high = 0
     for k in range(len(amplitude)):

@@ -1,21 +1,21 @@
-"""What makes the strong parts of a measured vibration: drive, mode, command, kick or line, by how its frequency moves.
+"""The cause of each strong part of a measured vibration (drive, mode, command, kick or line), by its frequency track.
 
 A hypothesis is a track f(t): order |ratio dq/dt| / (2 pi) of a drive, a natural frequency along the postures, or a
-constant. With phi = 2 pi int f dt it explains Re(sum over j of c_j w_j(t) exp(i phi)), w_j smooth bumps:
+constant. With phi = 2 pi int f dt it explains Re(sum over j of c_j w_j(t) exp(i phi)), with smooth bumps w_j:
 
-- of a drive about its track, and about each mode that it passes, under the envelope b of that mode while it is near,
+- for a drive along its track, and along each mode that it passes, under the envelope b of that mode while it is near,
 
       db/dt = -2 pi zeta f_k b + f^2 exp(i (phi - phi_k)),
 
-  so that what rings after a resonance is the drive's, and the mode is what amplifies it;
-- of the command about all modes, from each jump of the commanded acceleration on, damped as the modes are; of kicks
-  from outside alike, from where the energy rises at once and the command does not jump;
-- of a mode that something else rings, a second apart; of a line, four seconds apart, as it is there all the time.
+  so that ringing after a resonance is attributed to the drive, with the mode as its amplifier;
+- for the command along all modes, from each jump of the commanded acceleration on, damped as the modes are; likewise
+  for external kicks, from each sudden rise of the energy without a jump of the command;
+- for a mode with another excitation, with bumps a second apart; for a line, four seconds apart, as it is steady.
 
-Least squares on the whitened trace leave a share u of its energy, less noise. A set of hypotheses is scored by it
-(`ident.vibrate.hypotheses`), a trace of T seconds counting as T / FREE independent numbers, less `COST` each; scores of
-the sets with a rival in its place give a hypothesis' probability.
-No phase is compared with a model's: clock offset and phases of drives don't matter.
+Least squares on the whitened trace leave a share u of its energy, less noise. The score of a set of hypotheses follows
+from u (`ident.vibrate.hypotheses`), with T / FREE independent numbers for a trace of T seconds, less `COST` for each
+hypothesis. The probability of a hypothesis follows from the scores of the sets with a competitor in its place.
+Phases are not compared with a model, so clock offsets and drive phases don't matter.
 
 References:
     Mallat, Zhang, "Matching pursuits with time-frequency dictionaries", IEEE Trans. Signal Process. 41, 1993. Vold,
@@ -42,47 +42,48 @@ from ident.vibrate.response import runs
 from ident.vibrate.spectra import samples
 
 RATE = 200.0
-"""Samples a second to which a trace is thinned out: below 80 Hz are the mains at 50 Hz and an arm's first modes."""
+"""Sampling rate [Hz] to which traces are reduced: the mains at 50 Hz and an arm's first modes lie below 80 Hz."""
 LOWEST = 0.5
-"""Share of the lowest natural frequency below which an arm follows its command without vibrating."""
+"""Lower limit of the band, relative to the lowest natural frequency: below, an arm follows its command rigidly."""
 ORDERS = (1, 2, 4)
 """Multiples of a drive's frequency: imbalance, transmission error, and its first overtone."""
 MODES = 5
-"""Lowest modes that count, up to 20 Hz of the paper's arm; assumed."""
+"""Number of lowest modes in use, up to 20 Hz for the paper's arm; assumed."""
 ALIKE = 0.01
-"""Tracks closer than this, relative to them, are one: the mounting of a harmonic drive changes its ratio by 1."""
+"""Relative distance below which tracks count as one: the mounting of a harmonic drive changes its ratio by 1."""
 SCALES = np.arange(0.94, 1.0601, 0.005)
-"""Factors of a mode's frequency that are tried: stiffnesses known to 10 %; assumed."""
+"""Trial factors on a mode's frequency, for stiffnesses known to 10 %; assumed."""
 NEAR = 0.2
 """Distance from a natural frequency, relative to it, within which a drive rings a mode; assumed."""
 TRACK, FREE, STEADY = 2.0, 1.0, 4.0
-"""Spacing [s] of the bumps of a drive, of a mode and of a line: an amplitude may change within; assumed."""
+"""Spacing [s] of the bumps of a drive, of a mode and of a line, within which its amplitude may change; assumed."""
 GROWTH = 1.5
-"""By which bumps of what only rings on grow wider, from one to the next; assumed."""
+"""Growth of the width from bump to bump while a mode rings freely; assumed."""
 DAMPED = 0.4
-"""Share of a mode's damping with which its envelope decays: bumps follow more of it, but nothing less; assumed."""
+"""Decay of a mode's envelope relative to its damping: bumps can follow a faster decay, not a slower one; assumed."""
 FAINT = 0.02
-"""Share of its largest envelope below which a mode has rung out."""
+"""Envelope at which a mode has decayed, relative to its largest value."""
 JUMP = 0.3
-"""Share of the largest acceleration that is a jump, within half a period of the lowest mode; assumed."""
+"""Change within half a period of the lowest mode that counts as a jump, relative to the largest acceleration; assumed.
+"""
 RIDGE = 3e-3
-"""Keeps columns that nearly coincide, each of norm 1, from growing against each other."""
+"""Ridge that keeps the coefficients of nearly coincident unit columns small."""
 OFTEN = 0.25
-"""Quantile over time of a spectrum: what sweeps through, or is there for less than three quarters, is no line."""
+"""Quantile of a spectrum over time: a sweep, or a signal present less than three quarters of the time, is no line."""
 HEIGHT, LINES = 4.0, 3
-"""Power over that of noise from which a line is looked at, and most of them in a trace; assumed."""
+"""Least power of a candidate line over the noise, and most lines in a trace; assumed."""
 ABOUT = 3.0
-"""Frequencies [Hz] to either side of which the median is the level of noise; assumed."""
+"""Half width [Hz] of the median that gives the noise level; assumed."""
 RATIOS = np.geomspace(0.1, 10.0, 401)
-"""Multiples of the fastest drive's frequency that are tried for what follows nothing known: a hundredth apart."""
+"""Trial multiples of the fastest drive's frequency for unexplained tracks: about one percent apart."""
 ELSEWHERE = 0.03
-"""Distance of such a track from all known ones, relative to them: a track nearer is theirs; assumed."""
+"""Least relative distance of such a track from all known ones; assumed."""
 FURTHER = 2
-"""Tracks that are looked for at most in what nothing known explains."""
+"""Most tracks to search in the unexplained rest."""
 KICK, BEFORE, KICKS = 4.0, 0.25, 12
-"""By which factor the energy rises at a kick, from within so many seconds to the next, and most of them; assumed."""
+"""Rise of the energy at a kick, from one window of this length [s] to the next, and most kicks; assumed."""
 STANDS_OUT = 5.0
-"""Standard deviations of the noise's energy that a vibration must have."""
+"""Least energy of a vibration, in standard deviations of the noise's energy."""
 
 Kind = Literal["drive", "mode", "kicks", "line", "unexplained"]
 Next = Literal["source", "profile", "standstill", "speed", "modes", "kicks"]
@@ -96,7 +97,7 @@ class MovingTrace:
         time: (T,) [s] uniform, on the motion's clock up to a small offset.
         values: (T,) [any] displacement, velocity or acceleration in one direction.
         motion: the commanded motion.
-        loads: what hangs on the arm.
+        loads: the load case.
     """
 
     time: Float[np.ndarray, "T"]
@@ -107,14 +108,14 @@ class MovingTrace:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What may make a vibration.
+    """A possible cause of a vibration.
 
     Attributes:
-        kind: drive, mode or line; `unexplained` of what moves with a drive's speed, at no multiple that is known.
-        drives: (name, order) of all that turn alike for the whole motion, the lowest order first.
-        mode: number of the mode; None of a drive, a line, and of the command and of kicks, which ring all modes.
-        frequency: (T_r,) [Hz] over the grid of each trace; none of the command and of kicks.
-        starts: of each trace the samples from which the command, or kicks, ring all modes.
+        kind: drive, mode or line; `unexplained` for a track at an unknown multiple of a drive's speed.
+        drives: (name, order) of all drives with the same track, the lowest order first.
+        mode: number of the mode; None for a drive, a line, and for the command and kicks, which excite all modes.
+        frequency: (T_r,) [Hz] over the grid of each trace; none for the command and kicks.
+        starts: samples of each trace at which the command, or kicks, excite all modes.
     """
 
     kind: Kind
@@ -126,23 +127,23 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Finding:
-    """A strong part of the vibration and what makes it.
+    """A strong part of the vibration and its cause.
 
     Attributes:
         kind: drive, mode, line, or unexplained.
-        drives: (name, order) of drives; frequency does not tell which of several. Of what is unexplained, if it moves
-            with a drive's speed, that with the ratio.
-        modes: labels of the modes that ring, or that amplify a drive, the strongest first; at least a quarter of it.
-        by_command: whether a mode rings from jumps of the commanded acceleration on.
-        share: () [-] of the energy of vibration, where each frequency counts by its noise; the mean over the traces.
-        probability: () [-] that it is this and none of its rivals; 1 of what follows nothing.
-        track: number of the hypothesis whose track it follows most; None of what follows nothing.
-        trace: number of the trace of which it has the largest share.
-        frequency: [Hz] lowest and highest there, while above half of its largest amplitude.
-        time: () [s] when it is strongest there.
-        amplitude: () [unit of the values] 0-peak, then.
-        next: what to do: `source` (identify the drive), `profile` (a smoother command), `standstill` (record at rest),
-            `speed` (run at another speed, as it cannot be told), `modes` (look at more modes), `kicks` (for shocks).
+        drives: (name, order) of drives; frequency alone cannot separate several. For an unexplained part at a multiple
+            of a drive's speed, that drive and the ratio.
+        modes: labels of the excited or amplifying modes with at least a quarter of the part, the strongest first.
+        by_command: whether jumps of the commanded acceleration excite a mode.
+        share: () [-] of the vibration energy, weighted by the noise at each frequency; the mean over the traces.
+        probability: () [-] of this cause against its competitors; 1 for a part without a track.
+        track: number of the hypothesis with the closest track; None without a track.
+        trace: number of the trace with its largest share.
+        frequency: [Hz] lowest and highest in that trace, while above half of its largest amplitude.
+        time: () [s] of its largest amplitude in that trace.
+        amplitude: () [unit of the values] 0-peak, at that time.
+        next: next step: `source` (identify the drive), `profile` (a smoother command), `standstill` (record at rest),
+            `speed` (run at another speed, as the cause is ambiguous), `modes` (use more modes), `kicks` (find shocks).
     """
 
     kind: Kind
@@ -160,17 +161,17 @@ class Finding:
 
     @property
     def told(self) -> bool:
-        """Whether it can be told from its rivals."""
+        """Whether its cause is identified."""
         return self.probability >= TRACKS.sure
 
 
 @dataclass(frozen=True)
 class Triage:
-    """What makes the strong parts of some traces.
+    """The causes of the strong parts of some traces.
 
     Attributes:
-        findings: the largest share first, the unexplained rest last; none where nothing stands out of noise.
-        hypotheses: all that were compared.
+        findings: the largest share first, the unexplained rest last; none where nothing exceeds the noise.
+        hypotheses: all compared hypotheses.
         labels: (traces) of the modes by their numbers, at the end of each trace.
         time: (T_r,) [s] grid of each trace.
         noise: (traces) [unit of the values] rms of each trace's noise.
@@ -184,11 +185,11 @@ class Triage:
 
 
 def triage(arm: Arm, traces: Sequence[MovingTrace], *, orders: Sequence[int] = ORDERS) -> Triage:
-    """Find what makes the strong parts of the vibration of a moving arm, with nothing identified.
+    """Find the causes of the strong parts of a moving arm's vibration, without any identified source.
 
     Args:
-        arm: the arm; of a batch the median. Natural frequencies may be 5 % off.
-        traces: of one arm, at any speeds, points and directions; explained together.
+        arm: the arm; for a batch its median. Natural frequencies may be off by 5 %.
+        traces: of one arm, at any speeds, points and directions; explained jointly.
         orders: multiples of each drive's turning frequency.
 
     Raises:
@@ -230,11 +231,11 @@ def triage(arm: Arm, traces: Sequence[MovingTrace], *, orders: Sequence[int] = O
 
 
 # -------- Records
-# Traces on a grid, freed of their drift, whitened.
+# Traces on a grid, detrended and whitened.
 
 
 class _Record(NamedTuple):
-    """Times and whitened values (T,), the noise's level (F,), zero outside the band [Hz]."""
+    """Times and whitened values (T,), and the noise level (F,), zero outside the band [Hz]."""
 
     time: np.ndarray
     white: np.ndarray
@@ -259,7 +260,7 @@ def _thinned(trace: MovingTrace) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _record(time: np.ndarray, values: np.ndarray, low: float) -> _Record:
-    """Take off the line from end to end, and divide by the noise as it is at the quieter times."""
+    """Subtract the line between the ends, and divide by the noise level of the quieter times."""
     step, count = float(time[1] - time[0]), len(time)
     ends, band = max(1, round(0.25 / step)), (low, 0.4 / step)
     values = values - np.linspace(values[:ends].mean(), values[-ends:].mean(), count)
@@ -273,13 +274,13 @@ def _record(time: np.ndarray, values: np.ndarray, low: float) -> _Record:
 
 
 def _often(values: np.ndarray, step: float, seconds: float, overlap: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the power that a spectrum has for three quarters of the time, 1 of white noise of variance 1."""
+    """Return the power exceeded for three quarters of the time; 1 for white noise of variance 1."""
     power, at = _power(values, step, seconds, overlap)
     return np.quantile(power, OFTEN, axis=1) / -np.log(1 - OFTEN), at
 
 
 def _power(values: np.ndarray, step: float, seconds: float, overlap: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the power over frequency and time, of white noise of variance 1 on average 1, and the frequencies [Hz]."""
+    """Return the power over frequency and time (mean 1 for white noise of variance 1), and the frequencies [Hz]."""
     length = round(min(seconds / step, len(values) / 6))
     transform = ShortTimeFFT(np.hanning(length), length // overlap, 1 / step, mfft=4 * length, scale_to="psd")
     edge = -(-length // 2 // transform.hop)
@@ -287,11 +288,11 @@ def _power(values: np.ndarray, step: float, seconds: float, overlap: int) -> tup
 
 
 # -------- Tracks
-# Frequencies over time of all that may make a vibration.
+# Frequencies over time of all possible causes.
 
 
 class _Along(NamedTuple):
-    """Natural frequencies [Hz] and damping ratios (B, T) of the modes along a trace, and which branches they are."""
+    """Natural frequencies [Hz] and damping ratios (B, T) of the modes along a trace, and their branches."""
 
     natural: np.ndarray
     damping_ratio: np.ndarray
@@ -303,7 +304,7 @@ class _Along(NamedTuple):
 
 
 def _numbered(along: Sequence[Branches]) -> list[_Along]:
-    """Number the modes of all traces alike: by rank where a trace comes nearest to a posture of the first one."""
+    """Number the modes of all traces consistently: by rank where a trace is closest to a posture of the first one."""
     count, found = min(len(each.labels) for each in along), []
     for each in along:
         apart = np.linalg.norm(along[0].posture[:, ::10, None] - each.posture[:, None, ::10], axis=0)
@@ -315,7 +316,7 @@ def _numbered(along: Sequence[Branches]) -> list[_Along]:
 
 
 def _scaled(records: Sequence[_Record], along: Sequence[_Along]) -> list[_Along]:
-    """Scale each mode's frequencies by the factor with which most bumps of the traces stand out of noise."""
+    """Scale each mode's frequencies by the factor that brings most of the traces' bumps above the noise."""
     waves = [_waves(record.time, STEADY) for record in records]
     each = list(zip(along, records, waves, strict=True))
 
@@ -327,18 +328,18 @@ def _scaled(records: Sequence[_Record], along: Sequence[_Along]) -> list[_Along]
 
 
 def _waves(time: np.ndarray, spacing: float) -> csr_array:
-    """Return bumps (T, K) all over a trace, each of norm 1."""
+    """Return bumps (T, K) over the whole trace, each of norm 1."""
     bumps = _bumps(time, np.arange(time[0], time[-1] + spacing, spacing))
     return csr_array(bumps / np.linalg.norm(bumps, axis=0))
 
 
 def _stands_out(track: np.ndarray, record: _Record, white: np.ndarray, waves: csr_array) -> float:
-    """Return how much of a whitened trace stands out of noise along a track; a strong drive passing counts once."""
+    """Return how far a whitened trace exceeds the noise along a track; the logarithm limits a passing drive."""
     return float(np.log1p(np.abs(waves.T @ (white * np.exp(-1j * record.phase(track)))) ** 2).sum())
 
 
 def _further(fit: "_Fit", chosen: Sequence[int]) -> Hypothesis | None:
-    """Return the track at a drive's speed, but not at a known one, along which most of what hypotheses leave is."""
+    """Return the track at an unknown multiple of a drive's speed that explains most of the residual."""
     drives = [(each, np.concatenate(each.frequency)) for each in fit.hypotheses if each.drives]
     records, left = [s.record for s in fit.systems], [s.left(s.of(chosen)) for s in fit.systems]
     waves, tried = [_waves(r.time, TRACK) for r in records], list[tuple[float, Hypothesis]]()
@@ -354,7 +355,7 @@ def _further(fit: "_Fit", chosen: Sequence[int]) -> Hypothesis | None:
 
 
 def _kicks(record: _Record, jumps: Sequence[int]) -> tuple[int, ...]:
-    """Return the samples before which the energy is a fraction of that behind, but for those of the command."""
+    """Return the samples of a sudden rise of the energy, without those at jumps of the command."""
     width = round(BEFORE / record.step)
     energy = np.convolve(record.white**2, np.ones(width), "full")[width - 1 :]  # of the samples from here on
     quiet = 2 * (record.band[1] - record.band[0]) * record.step * width
@@ -367,7 +368,7 @@ def _kicks(record: _Record, jumps: Sequence[int]) -> tuple[int, ...]:
 def _drives(
     arm: Arm, orders: Sequence[int], motions: Sequence[Motion], records: Sequence[_Record]
 ) -> Iterator[Hypothesis]:
-    """Yield a hypothesis for all orders of drives that turn alike, where they reach into the band."""
+    """Yield a hypothesis for each track of drive orders that reaches into the band."""
     joints, groups = [joint.name for joint in arm.driven], list[Hypothesis]()
     speeds = [np.abs(np.asarray(motion(record.time)[1])) for motion, record in zip(motions, records, strict=True)]
     for order, drive in ((order, drive) for order in sorted(orders) for drive in arm.drives):
@@ -385,7 +386,7 @@ def _drives(
 
 
 def _lines(records: Sequence[_Record]) -> Iterator[Hypothesis]:
-    """Yield the frequencies that are there nearly all the time."""
+    """Yield the frequencies present nearly all the time."""
     found = list[float]()
     for record in records:
         often, frequency = _often(record.white, record.step, STEADY, 4)
@@ -404,11 +405,11 @@ def _lines(records: Sequence[_Record]) -> Iterator[Hypothesis]:
 
 
 # -------- Least squares
-# What sets of hypotheses explain.
+# Energy explained by sets of hypotheses.
 
 
 class _System(NamedTuple):
-    """Normal equations of a trace: columns (T, P), whose they are, about which mode, -1 for none."""
+    """Normal equations of a trace: columns (T, P) with their hypothesis and mode, -1 for none."""
 
     record: _Record
     matrix: csr_array
@@ -416,7 +417,7 @@ class _System(NamedTuple):
     mode: np.ndarray
     gram: np.ndarray
     moment: np.ndarray
-    scatter: float = 1.0  # energy of a sample's noise: 1 but for errors of its level
+    scatter: float = 1.0  # noise energy per sample: 1 except for errors of the noise level
 
     @property
     def noise(self) -> float:
@@ -426,15 +427,15 @@ class _System(NamedTuple):
 
     @property
     def energy(self) -> float:
-        """Energy of the whitened trace beyond that of noise."""
+        """Energy of the whitened trace above the noise."""
         return float(self.record.white @ self.record.white) - self.noise
 
     def of(self, chosen: Sequence[int]) -> np.ndarray:
-        """Return the numbers of the columns of some hypotheses."""
+        """Return the indices of the columns of some hypotheses."""
         return np.flatnonzero(np.isin(self.owner, chosen))
 
     def solve(self, at: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return coefficients of some columns, and the energy that they explain beyond what they take of noise."""
+        """Return coefficients of some columns, and their explained energy without the fitted noise."""
         gram, moment = self.gram[np.ix_(at, at)], self.moment[at]
         inverse = np.linalg.inv(gram + RIDGE * np.eye(len(at)))
         found = inverse @ moment
@@ -442,7 +443,7 @@ class _System(NamedTuple):
         return found, float(2 * found @ moment - found @ gram @ found - self.scatter * freedom)
 
     def left(self, at: np.ndarray) -> np.ndarray:
-        """Return what some columns leave of the whitened trace."""
+        """Return the residual of the whitened trace after some columns."""
         return np.asarray(self.record.white - self.matrix[:, at] @ self.solve(at)[0])
 
 
@@ -462,8 +463,8 @@ def _system(record: _Record, along: _Along, hypotheses: Sequence[Hypothesis], n:
     matrix = csr_array(matrix[:, used] @ diags_array(1 / size[used]))
     gram, moment = (matrix.T @ matrix).toarray(), matrix.T @ record.white
     system = _System(record, matrix, np.array(owner)[used], np.array(mode)[used], gram, moment)
-    # energy of a sample's noise: what is left is narrow, so that the median over the band is noise's; the columns take
-    # their share of the noise out of it, too
+    # noise energy per sample: the residual signal is narrow, so the median over the band is noise; the columns have
+    # also removed their share of the noise
     power, at = _power(system.left(np.arange(len(used))), record.step, TRACK, 2)
     inside, taken = power[(at > record.band[0]) & (at < record.band[1])], len(used) / system.noise
     scatter = float(np.quantile(inside, (1 + min(taken, 0.8)) / 2, axis=0).mean() / np.log(2))
@@ -473,7 +474,7 @@ def _system(record: _Record, along: _Along, hypotheses: Sequence[Hypothesis], n:
 def _envelopes(
     each: Hypothesis, n: int, track: np.ndarray, record: _Record, along: _Along
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield envelopes (T, K) about a hypothesis' own track, -1, or about that of a mode which it rings."""
+    """Yield envelopes (T, K) for a hypothesis' own track (-1) and for those of the modes it excites."""
     time, step = record.time, record.step
     decays = DAMPED * 2 * np.pi * step * along.natural * along.damping_ratio
     modes = list(enumerate(zip(along.natural, decays, strict=True)))
@@ -506,7 +507,7 @@ def _jumps(record: _Record, motion: Motion) -> tuple[int, ...]:
 
 
 def _ringing(time: np.ndarray, first: int, last: int, force: np.ndarray, decay: np.ndarray) -> np.ndarray:
-    """Return envelopes (T, K) of a mode that is forced between two samples and rings on, with ever wider bumps."""
+    """Return envelopes (T, K) of a mode that is forced between two samples, then rings freely with widening bumps."""
     state, envelope = 0j, np.zeros(len(time), complex)
     for i, (factor, pushed) in enumerate(zip(np.exp(-decay[first : last + 1]).tolist(), force.tolist(), strict=True)):
         envelope[first + i] = state = factor * state + pushed
@@ -522,7 +523,7 @@ def _ringing(time: np.ndarray, first: int, last: int, force: np.ndarray, decay: 
 
 
 def _bumps(time: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """Return raised cosines (T, K) about K centres [s], each from its neighbour to its neighbour: they add up to 1."""
+    """Return raised cosines (T, K) around K centres [s], each from neighbour to neighbour: they add up to 1."""
     gaps = np.diff(centres)
     away = time[:, None] - centres
     away = np.where(away < 0, away / np.append(gaps[0], gaps), away / np.append(gaps, gaps[-1]))
@@ -537,7 +538,7 @@ class _Fit:
         self._explained = dict[tuple[int, ...], np.ndarray]()
 
     def extended(self, along: Sequence[_Along], further: Hypothesis) -> "_Fit":
-        """Return the same with a further hypothesis, and the same noise, so that no score changes."""
+        """Return the fit with a further hypothesis and the same noise, so that no score changes."""
         hypotheses, each = [*self.hypotheses, further], enumerate(zip(self.systems, along, strict=True))
         systems = [_system(s.record, a, hypotheses, n)._replace(scatter=s.scatter) for n, (s, a) in each]
         new = _Fit(systems, hypotheses)
@@ -560,12 +561,12 @@ class _Fit:
     def score(self, chosen: Sequence[int]) -> float:
         """Return the score of a set."""
         length = np.array([s.record.step * len(s.record.time) for s in self.systems])
-        # a track that was searched for, and kicks, could be anywhere: each counts as two hypotheses
+        # a searched track or kicks could be anywhere: each counts as two hypotheses
         count = sum(1 + (self.hypotheses[h].kind in ("unexplained", "kicks")) for h in chosen)
         return score(self.left(chosen), length / FREE, TRACKS) - COST * count
 
     def search(self, best: tuple[int, ...] = ()) -> tuple[int, ...]:
-        """Return the best set that adding, leaving out or exchanging one hypothesis at a time finds, from one on."""
+        """Return the best set from a start by adding, removing or replacing one hypothesis at a time."""
         while True:
             better = max(self._neighbours(best), key=self.score)
             if self.score(better) <= self.score(best):
@@ -580,7 +581,7 @@ class _Fit:
             yield from ((*rest, k) for k in others)
 
     def shares(self, chosen: Sequence[int]) -> np.ndarray:
-        """Return the share of each hypothesis in each trace: the mean of what it explains alone and beside the rest."""
+        """Return each hypothesis' share in each trace: the mean of its explained energy alone and added to the rest."""
         if not len(chosen):
             return np.zeros((len(self.systems), 0))
         whole = np.clip(self.explained(chosen), 0, 1)
@@ -590,14 +591,14 @@ class _Fit:
         return np.array([part * whole / total for part in each]).T
 
     def seen(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
-        """Leave out, one by one, what has no share or is hardly needed beside the rest."""
+        """Remove, one by one, hypotheses without a share, or hardly needed in addition to the rest."""
         rests = [tuple(k for k in chosen if k != h) for h in chosen]
         needed = np.array([self.score(chosen) - self.score(rest) for rest in rests]) > logit(TRACKS.sure)
         doubtful = np.flatnonzero(~needed | (self.shares(chosen).mean(0) < TRACKS.seen))
         return self.seen(max((rests[i] for i in doubtful), key=self.score)) if len(doubtful) else chosen
 
     def probability(self, chosen: tuple[int, ...], h: int) -> float:
-        """Return the probability of one of a set, against every rival in its place and nothing there."""
+        """Return the probability of a hypothesis in a set, against every competitor in its place, and none."""
         rest = tuple(k for k in chosen if k != h)
         rivals = [rest, *((*rest, k) for k in range(len(self.hypotheses)) if k not in chosen)]
         return probability([self.score(chosen)], [self.score(each) for each in rivals])
@@ -640,7 +641,7 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
 
 
 def _unexplained(fit: _Fit, chosen: Sequence[int], left: np.ndarray) -> Finding:
-    """Describe what no hypothesis explains, by its spectrum over time above noise."""
+    """Describe the unexplained rest, by its spectrum over time above the noise."""
     n = int(left.argmax())
     system, record = fit.systems[n], fit.systems[n].record
     power, at = _power(system.left(system.of(chosen)), record.step, TRACK, 2)
@@ -655,9 +656,9 @@ def _unexplained(fit: _Fit, chosen: Sequence[int], left: np.ndarray) -> Finding:
 
 
 def _moves(fit: _Fit, each: Hypothesis, tracks: Sequence[np.ndarray], waves: Sequence[np.ndarray]) -> bool:
-    """Tell whether a track moves by more than the traces resolve: a drive's where it is strong, a mode's anywhere.
+    """Whether a track moves by more than the traces resolve: a drive's where it is strong, a mode's anywhere.
 
-    Of a line some drive's does, else it may be an order that nobody named; without drives some mode's.
+    For a line, some drive's track must move, otherwise the line may be an unlisted order; without drives some mode's.
     """
     weight = np.concatenate([w**2 if each.drives else np.ones(len(w)) for w in waves])
     drives = [h.frequency for h in fit.hypotheses if h.drives]

@@ -192,7 +192,7 @@ def changed_responses(
         run: the run.
         sources: what excites it.
         parts: in phase with cosine and sine, in units.
-        numbers: what is changed, by path [SI], of each member.
+        numbers: changed numbers of each member, by path [SI].
     """
     return _response(with_units(arm, sources), run, [excited_by(sources, parts)], numbers)
 

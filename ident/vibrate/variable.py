@@ -116,7 +116,7 @@ def apply(
 
 
 def check_path(arm: Arm, path: str) -> None:
-    """Refuse what is no number of the arm, or none that a motion at hand depends on."""
+    """Refuse paths that are not numbers of the arm, or that a given motion does not depend on."""
     if arm.stroke and path.split(".")[0] == arm.stroke.name:
         remedy = "sweep 'speed', the percentage; other strokes are other motions"
         raise refusal("", path, "a number of the arm itself", remedy)

@@ -1,4 +1,4 @@
-"""Recordings of test equipment, whatever the format of their file: one file a format, one value for all."""
+"""Recordings of test equipment: one module per file format, one value for all formats."""
 
 import hashlib
 import importlib
@@ -30,30 +30,30 @@ ENDINGS = {
     ".tdms": "tdms",
     ".wav": "wave",
 }
-"""Which module reads a file, by the ending of its name."""
+"""Module that reads a file, by the ending of its name."""
 TEXT = ("csv_columns", "labview")
 """Modules that read text."""
 
 
 def is_recording(path: Path) -> bool:
-    """Tell by its ending whether a file may be a recording."""
+    """Whether a file may be a recording, by its ending."""
     return path.suffix.lower() in ENDINGS
 
 
 def read_recording(path: str | Path) -> Recording:
     """Read a recording from a file of a universal (UFF), CSV, MATLAB, LabVIEW (LVM, TDMS), WAV or HDF5 format.
 
-    Numbers and units are those of the file: a channel table says what they mean.
+    Numbers and units are those of the file; a channel table gives their meaning.
 
     Args:
-        path: the file; its ending tells the format.
+        path: the file; its ending gives the format.
 
     Returns:
         Its channels, finished modes and nodes.
 
     Raises:
-        NoChannelError: it has none of these.
-        InputError: there is no such file, it is damaged or truncated, or the package that reads it is not installed.
+        NoChannelError: the file has none of these.
+        InputError: the file is missing, damaged or truncated, or the package that reads it is not installed.
     """
     path = Path(path)
     file = one_line(str(path))
@@ -64,7 +64,7 @@ def read_recording(path: str | Path) -> Recording:
     require(data, file, "an empty file", "a recording", "export it again")
     module = importlib.import_module(f"ident.measure.recordings.{kind}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what matters of a library's warnings, its reader checks
+        warnings.simplefilter("ignore")  # the readers check for what matters
         channels, shapes, places = module.read(path, data)
     if not channels and not shapes and not places:
         raise NoChannelError(Problem(file, "no channel", "at least one row of numbers", "export it again"))

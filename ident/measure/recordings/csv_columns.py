@@ -1,4 +1,4 @@
-"""A table as CSV: a column for each channel, `name [unit]`, over time or frequency; or of finished modes."""
+"""A CSV table with one column per channel, `name [unit]`, over time or frequency; or a table of finished modes."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ from ident.units import si_factor
 
 TIME = "time"
 MODE = frozenset({"frequency", "damping_ratio"})
-"""Columns by which a table is one of finished modes."""
+"""Columns that identify a table of finished modes."""
 SIGMA, IMAGINARY = "sigma ", "imag "
 _FREQUENCY = re.compile(r"freq(?:s|uency|uencies)?\.?\s*(?:[\[(](?P<unit>[^\])]*)[\])])?", re.IGNORECASE)
 
@@ -60,7 +60,7 @@ def read(path: Path, data: bytes) -> Contents:
 
 
 def _frequency(header: Sequence[str], table: np.ndarray) -> int | None:
-    """Return the column of frequencies, over which the others then are; None for samples over time."""
+    """Return the column of frequencies; None for samples over time."""
     if any(_name(cell).lower() == TIME for cell in header):
         return None
     named = [i for i, cell in enumerate(header) if _FREQUENCY.fullmatch(cell)]
@@ -69,7 +69,7 @@ def _frequency(header: Sequence[str], table: np.ndarray) -> int | None:
 
 
 def _over_frequency(where: str, header: Sequence[str], table: np.ndarray, frequency: int) -> Iterator[Channel]:
-    """Yield frequency responses of which both parts are there; what lacks one is no response, and says so."""
+    """Yield the frequency responses with both parts; a column without its other part becomes a flawed channel."""
     parts = [response_and_part(_name(cell)) for cell in header]
     for i, part in enumerate(parts):
         if part in parts[:i]:
@@ -87,7 +87,7 @@ def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
     """Return finished modes, one a row.
 
     Columns are `frequency [Hz]`, `damping_ratio [%]`, and for each channel `NAME` with the real part of its motion and
-    `imag NAME` with the imaginary one, which may be left out; each may have a standard deviation, as `sigma NAME`,
+    optionally `imag NAME` with the imaginary part. Each may have a standard deviation, as `sigma NAME`,
     `sigma frequency [Hz]`.
     """
     (where, header), rows = records[0], records[1:]
@@ -110,7 +110,7 @@ def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
 
 
 def _check(where: str, cells: Mapping[str, float], sigma: Mapping[str, float], motion: Mapping[str, complex]) -> None:
-    """Refuse what no mode can be."""
+    """Refuse an impossible mode."""
     frequency, ratio = cells["frequency"], cells["damping_ratio"]
     got, expected = f"{frequency:g} Hz, damping ratio {ratio:g}", "a frequency above 0, a ratio from 0 to 1"
     require(frequency > 0 and 0 <= ratio < 1, where, got, expected, "correct the mode")
@@ -141,7 +141,7 @@ def _unit(cell: str) -> str:
 
 
 def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
-    """Return the cells below the header as numbers (T, C); a cell that says nan is one.
+    """Return the cells below the header as numbers (T, C); nan counts as a number.
 
     Raises:
         InputError: a row that does not fit the header, which is the first line of the file unless that begins with #.

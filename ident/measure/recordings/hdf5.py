@@ -13,18 +13,18 @@ from ident.text import one_line
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = ("unit", "units")
-"""Attributes that say the unit of a dataset."""
+"""Attributes with the unit of a dataset."""
 CONTAINER = "a cell array, a structure array or an object such as a table"
-"""What MATLAB holds vectors in."""
+"""MATLAB's containers of vectors."""
 COMPLEX = (("real", "imag"), ("r", "i"))
 """Names of the parts of a complex number, as MATLAB and others write it."""
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return vectors, columns of matrices and frequency responses of an HDF5 file; those in groups by `a/b`.
+    """Return vectors, columns of matrices and frequency responses of an HDF5 file; those in groups as `a/b`.
 
     Raises:
-        InputError: the file is damaged, or leads to other files, which are not opened.
+        InputError: the file is damaged, or links to other files, which are not opened.
     """
     import h5py
 
@@ -51,7 +51,7 @@ def read(path: Path, data: bytes) -> Contents:
 
 
 def _values(item: Any) -> np.ndarray | None:
-    """Return the numbers of a dataset, real or complex ones, or what else it holds as a text; None for words."""
+    """Return the numbers of a dataset, real or complex; a text that describes any other content; None for words."""
     if "MATLAB_empty" in item.attrs:
         return None
     if "MATLAB_object_decode" in item.attrs or "ref" in (item.dtype.metadata or ()):
@@ -68,6 +68,6 @@ def _values(item: Any) -> np.ndarray | None:
 
 
 def _said(item: Any, name: str) -> str:
-    """Return what an attribute says, empty where there is none."""
+    """Return an attribute as text; empty if it is missing."""
     value = item.attrs.get(name, "")
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -1,8 +1,8 @@
-"""LabVIEW measurement files (LVM), which are text: a segment, or times that start again, is a block.
+"""LabVIEW measurement files (LVM), which are text: each segment is a block, and so is each restart of the times.
 
 References:
-    National Instruments, "Specification for the LabVIEW Measurement File (.lvm)": labels stand in the column of the
-    samples that they belong to; `X_Columns` is No, One, or Multi, with a column of times before each channel.
+    National Instruments, "Specification for the LabVIEW Measurement File (.lvm)": labels stand in the column of their
+    samples; `X_Columns` is No, One, or Multi, with a column of times before each channel.
 """
 
 import re
@@ -21,11 +21,11 @@ from ident.text import decode, one_line
 
 KIND = "a LabVIEW measurement file (LVM)"
 TIMES, COMMENT = "X_Value", "Comment"
-"""Names of columns that are no channels."""
+"""Names of columns that are not channels."""
 HEADING = ("***", "Channels", "Notes", "Test_", "UUT_", TIMES)
-"""Words with which the heading of a segment begins."""
+"""Words that begin the heading of a segment."""
 EPOCH = 1905
-"""Before this year a time of day is LabVIEW's zero: that of a channel without one."""
+"""A date before this year is LabVIEW's zero: the channel has no time of day."""
 _NUMBER = re.compile(r"[+-]?[0-9]*(?:\.(?P<digits>[0-9]*))?(?:[eE](?P<power>[+-]?[0-9]{1,3}))?")
 _DATE = re.compile(r"([0-9]{4})/([0-9]{1,2})/([0-9]{1,2})")
 _CLOCK = re.compile(r"([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:[.,][0-9]+)?)")
@@ -36,8 +36,8 @@ class _Segment:
     """Rows of samples under one header.
 
     Attributes:
-        line: number of the line that names the columns.
-        header: cells of each line of the header by its key, which is the first of them.
+        line: number of the line with the names of the columns.
+        header: cells of each line of the header by its key, the first cell.
         names: of the columns.
         rows: cells.
         mark: decimal mark.
@@ -50,12 +50,12 @@ class _Segment:
     rows: list[list[str]] = field(default_factory=list)
 
     def label(self, key: str, column: int) -> str:
-        """Return what the header says of a channel, empty for nothing."""
+        """Return the header's entry for a channel; empty if there is none."""
         cells = self.header.get(key, ())
         return cells[column].strip() if column < len(cells) else ""
 
     def number(self, key: str, column: int) -> float:
-        """Return the same as a number, nan for none."""
+        """Return the same as a number; nan if there is none."""
         return _as_number(self.label(key, column).replace(self.mark, "."))
 
     def column(self, number: int) -> list[str]:
@@ -81,7 +81,7 @@ def read(path: Path, data: bytes) -> Contents:
 
 
 def _segments(text: str) -> Iterator[_Segment]:
-    """Yield the segments; special sections, which hold other things than samples, are passed over."""
+    """Yield the segments; skip special sections, which hold no samples."""
     lines = text.replace("\r\n", "\n").split("\n")
     separator = next((line[9] for line in lines[:20] if line.startswith("Separator") and len(line) > 9), "\t")
     file_header: dict[str, list[str]] | None = None
@@ -110,7 +110,7 @@ def _segments(text: str) -> Iterator[_Segment]:
                 yield segment
             mark = (file_header or header).get("Decimal_Separator", ["", ""])[1:2] or [""]
             names = [name.strip() for name in line.split(separator)]
-            row = "".join(lines[number : number + 1])  # the first versions do not say the decimal mark
+            row = "".join(lines[number : number + 1])  # the first versions do not declare the decimal mark
             guess = "," if separator != "," and "," in row and "." not in row else "."
             segment, reading = _Segment(number, header, names, mark[0].strip() or guess), True
         elif not tag.startswith("*"):
@@ -120,7 +120,7 @@ def _segments(text: str) -> Iterator[_Segment]:
 
 
 def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
-    """Yield the channels of a segment, in blocks where its times start again."""
+    """Yield the channels of a segment; each restart of its times begins a block."""
     places = [i for i, name in enumerate(segment.names) if name not in (TIMES, COMMENT, "")]
     labels = _labels(segment, places)
     samplings: dict[int, _Sampling] = {}
@@ -154,7 +154,7 @@ def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
 
 
 def _labels(segment: _Segment, places: Sequence[int]) -> Sequence[int]:
-    """Return where the header speaks of each channel: in its own column, or else in the order of its filled cells."""
+    """Return the header's column for each channel: the channel's own, or those of the filled cells in order."""
     for key in ("Samples", "Delta_X", "X0"):
         filled = [i for i, cell in enumerate(segment.header.get(key, ())) if i and cell.strip()]
         if len(filled) == len(places):
@@ -176,11 +176,11 @@ def _clock(day: str, time: str) -> float | None:
 
 @dataclass(frozen=True)
 class _Sampling:
-    """When the samples of a column of times were taken.
+    """Sampling times of a column of times.
 
     Attributes:
-        label: column of the header that speaks of its first channel.
-        step: [s] nan where nothing says it.
+        label: column of the header for its first channel.
+        step: [s] nan if unknown.
         start: [s] of the first sample.
         ends: number of rows at the end of each block.
     """
@@ -192,10 +192,10 @@ class _Sampling:
 
 
 def _sampling(file: str, segment: _Segment, column: int, label: int) -> _Sampling:
-    """Return the sampling by Delta_X and X0, to which a column of times must agree within its last printed digit.
+    """Return the sampling by Delta_X and X0; a column of times must agree with it within its last printed digit.
 
     Raises:
-        InputError: it does not.
+        InputError: the times disagree.
     """
     cells, step, start = segment.column(column), segment.number("Delta_X", label), segment.number("X0", label)
     start = start if np.isfinite(start) else 0.0
@@ -227,7 +227,7 @@ def _sampling(file: str, segment: _Segment, column: int, label: int) -> _Samplin
 
 
 def _digit(*cells: str) -> float:
-    """Return what one more in the last digit of printed numbers is; some writers leave zeros at the end out."""
+    """Return the value of one unit in the last printed digit; some writers drop trailing zeros."""
     fixed, floating = [], [0.0]
     for cell in cells:
         found = _NUMBER.fullmatch(cell)
@@ -239,7 +239,7 @@ def _digit(*cells: str) -> float:
 
 
 def _numbers(cells: Sequence[str]) -> np.ndarray:
-    """Return cells as numbers (T,), nan for what is none."""
+    """Return cells as numbers (T,); nan for any other text."""
     try:
         return np.array(cells, float)
     except ValueError:
@@ -254,10 +254,10 @@ def _as_number(cell: str) -> float:
 
 
 def _joined(file: str, segments: list[list[Channel]]) -> Iterator[Channel]:
-    """Yield the channels of all segments, their blocks after each other.
+    """Yield the channels of all segments, with their blocks in order.
 
     Raises:
-        InputError: the segments differ in channels, lengths, sampling, or in how much later a channel starts.
+        InputError: the segments differ in channels, lengths, sampling, or in the delay of a channel.
     """
     first = segments[0]
     for other in segments[1:]:

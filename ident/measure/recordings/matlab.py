@@ -17,12 +17,12 @@ from ident.text import one_line
 Vectors = list[tuple[str, np.ndarray]]
 """Arrays of a file by their names."""
 HEAD, COMPRESSED = 128, 15
-"""Bytes before the first variable, and the type of one that is compressed and so has a checksum."""
+"""Bytes before the first variable, and the type of a compressed variable, which has a checksum."""
 ASIDE = "import sys; from ident.measure.recordings import matlab; matlab.pass_on(sys.stdin.buffer, sys.stdout.buffer)"
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return vectors, columns of matrices and frequency responses of a MATLAB file; those in structures by `a.b`."""
+    """Return vectors, columns of matrices and frequency responses of a MATLAB file; those in structures as `a.b`."""
     if data[512:520] == hdf5.SIGNATURE or data.startswith(hdf5.SIGNATURE):
         return hdf5.read(path, data)
     try:
@@ -33,7 +33,7 @@ def read(path: Path, data: bytes) -> Contents:
 
 
 def vectors(data: bytes) -> Vectors:
-    """Return the arrays of numbers in a file of version 5; of what holds others, a text says what it is.
+    """Return the numeric arrays in a file of version 5; other content is described in a text.
 
     Raises:
         ValueError: scipy can't read it.
@@ -49,7 +49,7 @@ def vectors(data: bytes) -> Vectors:
 
 
 def pass_on(source: IO[bytes], target: IO[bytes]) -> None:
-    """Read a file, and write its arrays as NumPy's archive; end with a line about what is wrong."""
+    """Read a file and write its arrays as a NumPy archive; on an error, end with a line that describes it."""
     try:
         found = vectors(source.read())
     except ValueError as error:
@@ -60,12 +60,12 @@ def pass_on(source: IO[bytes], target: IO[bytes]) -> None:
 
 
 def _aside(data: bytes) -> Vectors:
-    """Read a file in a process of its own: of one whose bits have flipped, scipy's reader may crash.
+    """Read a file in a separate process, since flipped bits may crash scipy's reader.
 
-    It looks for modules where this process does, but not in the current folder, in which recordings of others may lie.
+    It searches modules where this process does, but not in the current folder, which may hold recordings of others.
 
     Raises:
-        ValueError: it does, or can't read it.
+        ValueError: scipy crashes or can't read the file.
     """
     here = os.path.realpath(os.curdir)
     path = [*(each for each in sys.path if os.path.realpath(each) != here), str(Path(__file__).parents[3])]
@@ -81,7 +81,7 @@ def _aside(data: bytes) -> Vectors:
 
 
 def _has_checksums(data: bytes) -> bool:
-    """Return whether all of the file's variables are compressed."""
+    """Whether all variables of the file are compressed."""
     order, at = "little" if data[126:128] == b"IM" else "big", HEAD
     while at < len(data):
         kind, size = (int.from_bytes(data[at + i : at + i + 4], order) for i in (0, 4))  # type: ignore[arg-type]

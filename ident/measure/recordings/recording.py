@@ -17,17 +17,17 @@ from ident.units import sensor_factor
 
 @dataclass(frozen=True)
 class Channel:
-    """What one sensor gave, in blocks of equal length: hits that were triggered, or one block for all of the time.
+    """Data of one sensor in blocks of equal length: triggered hits, or one block for the whole time.
 
     Attributes:
-        name: as the file names it; `12:+Z acceleration` for node 12, direction +Z of a universal file.
+        name: name in the file; `12:+Z acceleration` for node 12, direction +Z of a universal file.
         values: (B, T) [unit] samples of B blocks; of a frequency response (B, F) [unit / reference_unit], complex.
-        unit: as the file says it; empty where it says none.
-        step: [s] between samples, or [Hz] between lines; None where the file does not say it.
-        start: [s or Hz] of the first sample or line; (B,) [s] of those of each block, where they differ.
-        reference: channel of the force, of a frequency response; empty for samples over time.
-        reference_unit: the force's unit, as the file says it.
-        notes: (B,) what the file says of each of several blocks, for messages.
+        unit: unit in the file; empty if it has none.
+        step: [s] between samples, or [Hz] between lines; None if not in the file.
+        start: [s or Hz] of the first sample or line; (B,) [s] by block, where blocks differ.
+        reference: force channel of a frequency response; empty for samples over time.
+        reference_unit: the force's unit in the file.
+        notes: (B,) the file's text on each of several blocks, for messages.
         flaw: why its values cannot be used; empty where they can.
         remedy: what to export instead.
     """
@@ -46,15 +46,15 @@ class Channel:
 
 @dataclass(frozen=True)
 class Shape:
-    """A finished mode, as a file has it.
+    """A finished mode of a file.
 
     Attributes:
-        frequency: [Hz] of the mode, undamped or damped as the program that wrote it has it.
+        frequency: [Hz] of the mode, undamped or damped as the exporting program defines it.
         damping_ratio: [-]
         motion: complex motion by channel such as `12:+Z`, of any scale.
-        sigma: standard deviations, where the file has them: of `frequency` [Hz], `damping_ratio` [-], and of real and
+        sigma: standard deviations, if in the file: of `frequency` [Hz], `damping_ratio` [-], and of real and
             imaginary part of the motion, by channel.
-        of: what the frequency is, one of `ident.measure.DEFINITIONS`; empty where the file does not say it.
+        of: definition of the frequency, one of `ident.measure.DEFINITIONS`; empty if not in the file.
     """
 
     frequency: float
@@ -66,15 +66,15 @@ class Shape:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a file holds.
+    """Content of a file.
 
     Attributes:
         path: the file.
         sha256: hash of its bytes.
-        channels: in the order of the file; those that share a name are flawed, as one could be taken for another.
+        channels: in the order of the file; those with the same name are flawed, as they could be confused.
         shapes: finished modes.
-        places: (3,) [as the file] coordinates of nodes, by node, in a frame that only the test knows.
-        holds: what is in it instead of channels, for messages; empty where nothing is to be said.
+        places: (3,) [as the file] coordinates of nodes, by node, in the test's own frame.
+        holds: content other than channels, for messages; empty for none.
     """
 
     path: str
@@ -98,10 +98,10 @@ class Recording:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file that was read.
+    """Reference to an input file.
 
     Attributes:
-        path: where it was.
+        path: its path.
         sha256: hash of its bytes.
     """
 
@@ -110,11 +110,11 @@ class SourceFile:
 
 
 ONE_NAME = "channels of one name"
-"""What is wrong with channels that share a name."""
+"""Flaw of channels that share a name."""
 
 
 def _told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
-    """Yield channels, those that share a name as flawed. One that is there twice is one."""
+    """Yield channels, with those that share a name marked as flawed. Exact duplicates count once."""
     for first, *more in grouped(channels, lambda each: (each.name, each.reference)).values():
         same = [first, *(m for m in more if m.unit != first.unit or not np.array_equal(m.values, first.values))]
         units = ", ".join(quoted(each.unit or "no unit") for each in same)
@@ -123,11 +123,11 @@ def _told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
 
 
 Contents = tuple[tuple[Channel, ...], tuple[Shape, ...], dict[str, tuple[float, float, float]]]
-"""What a reader returns: channels, finished modes, places of nodes."""
+"""Result of a reader: channels, finished modes, places of nodes."""
 
 
 def columns(name: str, values: np.ndarray, unit: str) -> list[Channel]:
-    """Return a vector or a matrix of samples x channels as channels: each column one."""
+    """Return a vector or a matrix (samples x channels) as channels, one per column."""
     table = np.squeeze(values).astype(float)
     if table.size < 2:
         return []
@@ -136,13 +136,13 @@ def columns(name: str, values: np.ndarray, unit: str) -> list[Channel]:
 
 
 def over(channel: Channel, unit: str, quantity: str, later: float = 0.0) -> Channel:
-    """Return a channel whose step and start are in a unit, as its file says it, in SI; flawed where that is unknown.
+    """Return a channel with step and start converted from the file's unit to SI; flawed if the unit is unknown.
 
     Args:
         channel: of one block.
         unit: empty for s or Hz.
         quantity: `time` or `frequency`.
-        later: [s or Hz] to add to its start.
+        later: [s or Hz] added to its start.
     """
     unit = unit.strip(" []()")
     factor = sensor_factor(unit, quantity) if unit else 1.0
@@ -154,11 +154,11 @@ def over(channel: Channel, unit: str, quantity: str, later: float = 0.0) -> Chan
 
 
 class NoChannelError(InputError):
-    """A sound file holds nothing that a test could take."""
+    """A sound file without any data for a test."""
 
 
 FORCE = "force"
-"""Name of the force of frequency responses in a file that names none; `force:2` for the second of several."""
+"""Name of the force of frequency responses in a file without names; `force:2` for the second of several."""
 FREQUENCY = re.compile(r"(?:.*[./])?(?:f|f_?hz|hz|freqs?(?:_?hz)?|frequency(?:_?hz)?|frequencies)", re.IGNORECASE)
 """Names of arrays of frequencies [Hz]."""
 TIMES = re.compile(r"(?:.*[./])?(?:t|times?|time_?s|seconds|sec)", re.IGNORECASE)
@@ -174,13 +174,13 @@ Array = tuple[str, np.ndarray, str]
 """An array of a file: its name, values and unit."""
 VECTORS = "save each channel as a column or a vector of its own, and each hit in a file of its own"
 CHANNELS_MAX, SAMPLES_MIN = 64, 4
-"""Columns that a matrix of channels has at most, and rows per column at least; of another one, rows may be hits."""
+"""Most columns of a matrix of channels, and fewest rows per column; in any other matrix, rows may be hits."""
 REAL = "values over frequency without an imaginary part"
 EXPORT = "export the real and the imaginary part of the frequency response"
 
 
 def response_and_part(name: str) -> tuple[str, str]:
-    """Return the response that values are of, and `r` or `i` for its real or imaginary part, empty for neither."""
+    """Return the name of the response, and `r` or `i` for its real or imaginary part, empty for neither."""
     found = _PART.fullmatch(name)
     if not found:
         return name, ""
@@ -189,13 +189,13 @@ def response_and_part(name: str) -> tuple[str, str]:
 
 
 def array_channels(arrays: Iterable[Array]) -> Iterator[Channel]:
-    """Yield arrays of a file as channels, those of complex numbers as frequency responses.
+    """Yield arrays of a file as channels, complex arrays as frequency responses.
 
     Args:
-        arrays: name, values and unit of each. Complex ones are `(F,)`, `(F, O)` or `(F, O, I)`, of O responses to I
-            forces, in any order of the axes with F first of those of that length; a vector of F frequencies is called
-            `freq`, `frequency` or `f`, and increases. Real and imaginary part may be two arrays. A text says of what is
-            no array what it is.
+        arrays: name, values and unit of each. Complex ones are `(F,)`, `(F, O)` or `(F, O, I)` for O responses to I
+            forces, with the axes in any order (of axes of equal length, F comes first). A vector of F frequencies is
+            called `freq`, `frequency` or `f`, and increases. Real and imaginary part may be two arrays. A text in place
+            of an array describes the content.
     """
     every = list(arrays)
     vectors = [(n, np.ravel(a).astype(float), u) for n, a, u in every if a.dtype.kind in "iuf" and a.size in a.shape]
@@ -223,7 +223,7 @@ def array_channels(arrays: Iterable[Array]) -> Iterator[Channel]:
 
 
 def _complex(every: list[Array], sizes: set[int]) -> list[Array]:
-    """Return arrays, the real and imaginary parts of a response over so many lines as one."""
+    """Return arrays, with real and imaginary parts of a response (with one of these numbers of lines) joined."""
     parts = {response_and_part(each[0]): each for each in every}
     for (response, part), (imaginary, b, below) in parts.items():
         real, a, unit = parts.get((response, "r"), parts.get((response, ""), ("", np.zeros(0), "")))
@@ -233,12 +233,12 @@ def _complex(every: list[Array], sizes: set[int]) -> list[Array]:
 
 
 def _group(name: str) -> str:
-    """Return the structure or group that an array lies in."""
+    """Return the structure or group of an array."""
     return re.sub(r"[^./]*$", "", name)
 
 
 def _responses(name: str, values: np.ndarray, unit: str, axis: tuple[np.ndarray, str] | None) -> Iterator[Channel]:
-    """Yield frequency responses, or one channel that says what they lack."""
+    """Yield frequency responses, or one flawed channel that names the missing part."""
     whole = Channel(name, values.reshape(1, -1), unit)
     if axis is None:
         if values.size > 1:
@@ -266,23 +266,23 @@ def _responses(name: str, values: np.ndarray, unit: str, axis: tuple[np.ndarray,
 
 
 def quotient(unit: str) -> tuple[str, str]:
-    """Return the unit of a frequency response as that of the response and that of the force, where it names one."""
+    """Split the unit of a frequency response into that of the response and that of the force, if it has one."""
     above, _, below = (part.strip(" ()") for part in unit.rpartition("/"))
     is_force = below.lower().rstrip("s") in ("n", "kn", "mn", "lbf", "lb", "newton")
     return (above, below) if above and is_force else (unit, "")
 
 
 class LackingError(InputError):
-    """A file needs a package that is not installed: others like it need the same one."""
+    """A file needs a package that is not installed; files of the same format need it too."""
 
 
 def lacking(path: Path, package: str) -> NoReturn:
-    """Refuse a file that needs a package which is not installed."""
+    """Refuse a file for want of a package that is not installed."""
     got = f"a file that needs the package {package}"
     raise LackingError(Problem(one_line(str(path)), got, f"{package} to read it", f"pip install {package}")) from None
 
 
 def damaged(path: Path, kind: str, why: Exception | str) -> NoReturn:
-    """Refuse a file that its reader cannot read."""
+    """Refuse a damaged or truncated file."""
     reason = why if isinstance(why, str) else f"{type(why).__name__}: {one_line(str(why))[:80]}".rstrip(": ")
     raise refusal(one_line(str(path)), f"a damaged or truncated file ({reason})", kind, "export it again") from None

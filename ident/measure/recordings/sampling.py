@@ -9,16 +9,17 @@ UNEVEN = 0.01
 COARSE = 0.2
 """Largest deviation from even times by rounding, as a fraction of their interval."""
 GAP = 3.0
-"""Intervals that a pause lasts at least for samples to be missing: interpolated, they would be invented; assumed."""
+"""Pause, in intervals, from which samples count as missing: interpolation would invent them; assumed."""
 ROUNDED = 0.05
-"""Largest error of an interval that a file states in few digits: 0.000020 s for 1 / 51.2 kHz has 2.4 %."""
+"""Largest error of an interval stated with few digits: 0.000020 s for 1 / 51.2 kHz has 2.4 %."""
 
 
 def even_step(time: np.ndarray, file: str, column: str = "time") -> float:
     """Return the mean interval of times [s].
 
     Raises:
-        InputError: they are no numbers, do not increase, or are even neither within 1 % nor within their last digit.
+        InputError: times are not numbers, do not increase, or are uneven by more than 1 % and by more than their last
+            digit.
     """
     steps = np.diff(time)
     is_finite = np.isfinite(time).all()
@@ -32,7 +33,7 @@ def even_step(time: np.ndarray, file: str, column: str = "time") -> float:
 
 
 def odd_interval(time: np.ndarray) -> tuple[int, str, str]:
-    """Return which interval of times [s] differs most from the median one, what was expected, and what to do."""
+    """Return the interval of times [s] farthest from the median one, the expectation, and the remedy."""
     steps = np.diff(time)
     usual = float(np.median(steps))
     worst = int(np.argmax(abs(steps - usual)))
@@ -43,7 +44,7 @@ def odd_interval(time: np.ndarray) -> tuple[int, str, str]:
 
 
 def last_digit(time: np.ndarray) -> float:
-    """Return the largest power of ten that divides all times [s], as they were printed; nan for none above 1e-12 s."""
+    """Return the largest power of ten that divides all times [s] as printed; nan for none above 1e-12 s."""
     for power in range(13):
         scaled = time * 10.0**power
         if (abs(scaled - np.rint(scaled)) <= 1e-9 * np.maximum(abs(scaled), 1.0)).all():
@@ -52,13 +53,13 @@ def last_digit(time: np.ndarray) -> float:
 
 
 def rounded_step(time: np.ndarray, digit: float, said: float | None = None, fine: float = 0.0) -> float | None:
-    """Return the step of times [s] that are even within their last printed digit, None where they are not.
+    """Return the step of times [s] that are even within their last printed digit; None if they are not.
 
     Args:
         time: (T,) [s]
-        digit: [s] of the times, the last that was printed.
-        said: [s] step that the file states: it is returned where the times agree with it.
-        fine: [s] last digit of that.
+        digit: [s] last printed digit of the times.
+        said: [s] step stated in the file, returned if the times agree with it.
+        fine: [s] last digit of the stated step.
     """
     number, passed = np.arange(len(time)), time - time[0]
     if said is not None and float(abs(passed - said * number).max()) <= digit:

@@ -10,10 +10,10 @@ import numpy as np
 from ident.measure.recordings.recording import Channel, Contents, damaged, lacking, over
 
 UNITS = ("unit_string", "NI_UnitDescription", "Unit")
-"""Properties that say the unit of a channel."""
+"""Properties with the unit of a channel."""
 KIND = "a LabVIEW file (TDMS)"
 LEAD_IN = 28
-"""Bytes before the first segment: npTDMS takes fewer for a file without channels."""
+"""Bytes before the first segment: npTDMS reads a shorter file as one without channels."""
 
 
 def read(path: Path, data: bytes) -> Contents:
@@ -23,7 +23,7 @@ def read(path: Path, data: bytes) -> Contents:
         from nptdms.log import log_manager
     except ImportError:
         lacking(path, "npTDMS")
-    log_manager.set_level(logging.ERROR)  # it prints warnings of what is refused here
+    log_manager.set_level(logging.ERROR)  # it prints warnings of problems that are refused here
     if len(data) < LEAD_IN:
         damaged(path, KIND, f"{len(data)} bytes")
     try:
@@ -43,7 +43,7 @@ def read(path: Path, data: bytes) -> Contents:
 
 
 def _channel(group: str, channel: Any, values: np.ndarray, first: np.datetime64 | None) -> Channel:
-    """Return a channel, whose start counts from the earliest clock of the file."""
+    """Return a channel; its start counts from the earliest clock of the file."""
     said = channel.properties
     unit = next((str(said[name]) for name in UNITS if said.get(name)), "")
     step, start, later = said.get("wf_increment"), float(said.get("wf_start_offset") or 0.0), 0.0

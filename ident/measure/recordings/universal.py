@@ -1,4 +1,4 @@
-"""Universal files (UFF, UNV): datasets 58 in ASCII and binary, 55, 15 and 2411; those of other types are passed over.
+"""Universal files (UFF, UNV): datasets 58 in ASCII and binary, 55, 15 and 2411; other types are skipped.
 
 References:
     I-DEAS universal file formats, University of Cincinnati, Structural Dynamics Research Laboratory.
@@ -26,9 +26,9 @@ DIRECTIONS = {
 }
 """Words for the numbers of directions: translations 1 to 3, rotations 4 to 6, a scalar 0."""
 QUANTITIES = {8: " displacement", 9: " force", 11: " velocity", 12: " acceleration", 13: " force"}
-"""Words for what a function is of, by the number of its specific data type."""
+"""Words for the quantity of a function, by the number of its specific data type."""
 TIME, RESPONSE = 1, 4
-"""Numbers of the functions that are read: samples over time, frequency response."""
+"""Numbers of the supported functions: samples over time, frequency response."""
 FUNCTIONS = (
     "unknown", "samples over time", "auto-spectrum", "cross-spectrum", "frequency response", "transmissibility",
     "coherence", "auto-correlation", "cross-correlation", "power spectral density", "energy spectral density",
@@ -36,36 +36,36 @@ FUNCTIONS = (
 )  # fmt: skip
 """Words for the numbers of functions, from 0."""
 REAL, COMPLEX, DOUBLE = (2, 4), (5, 6), (4, 6)
-"""Types of ordinates: real and complex ones, and those of double precision."""
+"""Types of ordinates: real, complex, and double precision."""
 MODE = (2, 3, 7)
-"""Kinds of analysis of a dataset 55 that are modes: real, and complex of first and second kind."""
+"""Analysis types of a dataset 55 that hold modes: real, and complex of first and second kind."""
 NODES, SHAPE, FUNCTION = (15, 2411), 55, 58
-"""Types of the datasets that are read."""
+"""Supported types of datasets."""
 HEADER = 11
 """Lines of a dataset 58 before its values."""
 FIELDS = 6
 """Most numbers on a line of values: some writers fill the last line with zeros."""
 ROUNDED = 1e-5
-"""Share of the largest abscissa by which E13.5 rounds two of them apart at most."""
+"""Largest difference of two abscissas by rounding to E13.5, as a share of the largest abscissa."""
 _TAG = rb" {4}-1 *(?=[\r\n]|\Z)"
 _START = re.compile(rb"(?:\A|(?<=[\r\n]))" + _TAG)
 """Line that starts and ends a dataset."""
 _BINARY_END = re.compile(rb"[\r\n]{0,2}" + _TAG)
-"""The same behind binary values, where it has no line of its own."""
+"""The same after binary values, where it has no line of its own."""
 _LINE = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)")
 _EXPONENT = re.compile(r"(?<=[\d.])([-+]\d+)$")
 """An exponent without its letter, as Fortran writes those of three digits."""
 _EVENT = re.compile(
     r"\b(hits?|impacts?|runs?|records?|blocks?|frames?|measurements?|meas|trials?|shots?|events?|averages?)\b", re.I
 )
-"""A word by which an ID line with a number says when a function was recorded, and not by which sensor."""
+"""Words of an ID line whose number counts recordings, not sensors."""
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return what a universal file holds.
+    """Return the content of a universal file.
 
     Raises:
-        NoChannelError: it holds nothing but functions or datasets that are not read.
+        NoChannelError: it has only unsupported functions or datasets.
     """
     functions, shapes, places = list[_Function](), list[Shape](), dict[str, tuple[float, float, float]]()
     others, passed = Counter[str](), set[int]()
@@ -98,9 +98,9 @@ class _Dataset:
     Attributes:
         number: of the dataset in its file, from 1.
         kind: its type.
-        head: the line that says its type.
-        binary: whether it is a function whose values are no text.
-        body: what follows that line.
+        head: the line with its type.
+        binary: whether it is a function with binary values.
+        body: the bytes after that line.
     """
 
     number: int
@@ -115,7 +115,7 @@ class _Dataset:
 
 
 def _datasets(path: Path, data: bytes) -> Iterator[_Dataset]:
-    """Yield the datasets of a file; one without an end refuses the file."""
+    """Yield the datasets of a file; refuse a file with an unfinished dataset."""
     number, at = 0, 0
     while tag := _START.search(data, at):
         if number and data[at : tag.start()].strip():
@@ -146,12 +146,12 @@ def _datasets(path: Path, data: bytes) -> Iterator[_Dataset]:
 
 
 def _binary_end(data: bytes, at: int, head: str) -> re.Match[bytes] | None:
-    """Return the tag behind binary values: where the header says, for the values may hold the same bytes; or the next.
+    """Return the tag after binary values: at the header's byte count, since values may contain it; or the next tag.
 
     Args:
         data: of the file.
-        at: where the line behind its type begins.
-        head: the line that says its type, and how many bytes there are.
+        at: start of the line after its type.
+        head: the line with its type and number of bytes.
     """
     _, at = _header(data, at)
     size = head[31:43].strip()
@@ -160,7 +160,7 @@ def _binary_end(data: bytes, at: int, head: str) -> re.Match[bytes] | None:
 
 
 def _header(data: bytes, at: int = 0) -> tuple[list[str], int]:
-    """Return the lines of a dataset 58 before its values, and where they end."""
+    """Return the lines of a dataset 58 before its values, and the position of their end."""
     lines = list[str]()
     while len(lines) < HEADER and (line := _LINE.match(data, at)):
         at = line.end()
@@ -177,15 +177,15 @@ def _text(data: bytes) -> str:
 
 @dataclass(frozen=True)
 class _Function:
-    """A function as a channel of one block, with what may tell it from others of its node and direction.
+    """A function as a channel of one block, with labels that may distinguish it at its node and direction.
 
     Attributes:
-        channel: called by node, direction and quantity.
+        channel: named by node, direction and quantity.
         place: node and direction.
         labels: entity and label of the ordinate.
-        reference_entity: of the force.
+        reference_entity: entity of the force.
         identity: ID lines.
-        has_node: whether its own end has one.
+        has_node: whether the response has a node.
     """
 
     channel: Channel
@@ -197,11 +197,11 @@ class _Function:
 
     @property
     def is_force(self) -> bool:
-        """Whether it is of a force, by its quantity or unit."""
+        """Whether the function is a force, by its quantity or unit."""
         return self.channel.name.endswith(" force") or self.channel.unit in ("N", "kN", "lbf")
 
     def called(self, label: str, reference: str = "") -> "_Function":
-        """Return it with more labels in its names."""
+        """Return the function with more labels in its names."""
         name, force = self.channel.name, self.channel.reference
         name = f"{self.place} {label}{name.removeprefix(self.place)}" if label else name
         force = " ".join([*force.split(" ")[:1], reference, *force.split(" ")[1:]]) if reference else force
@@ -209,7 +209,7 @@ class _Function:
 
 
 def _function(path: Path, dataset: _Dataset) -> _Function | str:
-    """Return a dataset 58 of samples over time or of a frequency response; of another kind of function its name."""
+    """Return a dataset 58 with samples over time or a frequency response; for any other function its name."""
     (header, at), file = _header(dataset.body), one_line(str(path))
     if len(header) < HEADER:
         raise ValueError(f"fewer than {HEADER} lines")
@@ -230,7 +230,7 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
     padding = table[_whole(count) * width :]
     if not dataset.binary and len(padding) < FIELDS and not padding.any():
         table = table[: _whole(count) * width]
-    if len(table) != _whole(count) * width:  # more where the header says another precision than the numbers have
+    if len(table) != _whole(count) * width:  # more if the header has another precision than the numbers
         raise ValueError(f"{len(table) / width:g} values of {name}, its header says {_whole(count)}")
     table = table.reshape(-1, width)
     start, step = map(_real, abscissa)
@@ -260,7 +260,7 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
 
 
 def _table(dataset: _Dataset, at: int, form: int, even: bool) -> np.ndarray:
-    """Return the numbers of a dataset 58 in their order."""
+    """Return the numbers of a dataset 58 in order."""
     if dataset.binary:
         order, size = "<" if _whole(dataset.head[7:13]) == 1 else ">", 8 if form in DOUBLE else 4
         payload = dataset.body[at:]
@@ -271,7 +271,7 @@ def _table(dataset: _Dataset, at: int, form: int, even: bool) -> np.ndarray:
 
 
 def _fields(line: str, widths: Sequence[int]) -> Iterator[str]:
-    """Yield the fields of a line, whose widths repeat."""
+    """Yield the fields of a line with repeating widths."""
     at = 0
     for width in cycle(widths):
         if at >= len(line):
@@ -281,13 +281,13 @@ def _fields(line: str, widths: Sequence[int]) -> Iterator[str]:
 
 
 def _even(abscissa: np.ndarray, step: float, where: str, name: str) -> tuple[float, float]:
-    """Return start and step of an abscissa that the file gives value by value.
+    """Return start and step of an abscissa given value by value.
 
-    It counts as even to 1 % of a step, and to the last of the six digits that it is printed with.
+    It counts as even to 1 % of a step, and to the last of its six printed digits.
 
     Args:
         abscissa: (T,) [s or Hz]
-        step: [s or Hz] as the header says it, 0 where it says none.
+        step: [s or Hz] in the header, 0 for none.
         where: for a message.
         name: of the channel, for a message.
     """
@@ -303,7 +303,7 @@ def _even(abscissa: np.ndarray, step: float, where: str, name: str) -> tuple[flo
 
 
 def _degree_of_freedom(node: str, direction: str, code: str) -> tuple[str, str]:
-    """Return node and direction, and the same with the quantity: force and acceleration may be of one node."""
+    """Return node and direction, without and with the quantity: force and acceleration may share a node."""
     place = f"{_whole(node)}:{DIRECTIONS.get(_whole(direction), '?')}"
     return place, place + QUANTITIES.get(_whole(code), "")
 
@@ -314,7 +314,7 @@ def _label(text: str) -> str:
 
 
 def _cut(line: str, *widths: int) -> list[str]:
-    """Return the fields of a line without blanks about them, as many as there are widths."""
+    """Return the fields of a line by their widths, without surrounding blanks."""
     ends = np.cumsum(widths)
     return [line[end - width : end].strip() for end, width in zip(ends, widths, strict=True)]
 
@@ -363,14 +363,14 @@ def _by_label(group: list[_Function]) -> list[list[_Function]]:
 
 
 def _by_identity(path: Path, part: list[_Function], parts: list[list[_Function]]) -> list[list[_Function]]:
-    """Return functions that may be of several sensors by an ID line that tells these apart.
+    """Split functions of possibly several sensors by a distinguishing ID line.
 
-    Several functions of one node and direction are blocks of one channel, hit by hit. They may not be where they are
-    not alike, have no node and as many blocks as no force has, or are the only ones of the file that stand twice. An ID
-    line that other channels have, too, and one that counts hits, says nothing of sensors.
+    Several functions of one node and direction are blocks of one channel, hit by hit. They are doubtful if they are not
+    alike, if they have no node and a number of blocks that no force has, or if no other function of the file repeats.
+    An ID line shared with other channels, or one that counts hits, does not identify sensors.
 
     Raises:
-        InputError: no ID line does.
+        InputError: no ID line distinguishes them.
     """
     if len(part) == 1:
         return [part]
@@ -403,12 +403,12 @@ def _by_identity(path: Path, part: list[_Function], parts: list[list[_Function]]
 
 
 def _identities(part: Sequence[_Function]) -> tuple[str, ...]:
-    """Return the ID lines of functions, each as one text."""
+    """Return the ID lines of each function as one text."""
     return tuple(" / ".join(filter(None, each.identity)) for each in part)
 
 
 def _are_alike(part: Sequence[_Function]) -> bool:
-    """Tell whether functions may be blocks of one channel."""
+    """Whether functions may be blocks of one channel."""
     channels = [each.channel for each in part]
     return len({(own.values.shape, own.step, own.unit, own.reference and own.start) for own in channels}) == 1
 
@@ -421,7 +421,7 @@ def _blocks(part: Sequence[_Function]) -> Channel:
 
 
 def _shape(dataset: _Dataset) -> list[Shape]:
-    """Return a dataset 55 of a mode; of a complex one frequency and damping are those of its pole."""
+    """Return the mode of a dataset 55; frequency and damping of a complex mode are those of its pole."""
     lines = dataset.lines
     if len(lines) < 9:
         raise ValueError("fewer than 9 lines")
@@ -449,7 +449,7 @@ def _shape(dataset: _Dataset) -> list[Shape]:
 
 
 def _nodal_values(lines: Sequence[str], count: int) -> tuple[list[int], np.ndarray]:
-    """Return the nodes of a dataset 55 and (nodes, count) their values, which may go on over several lines."""
+    """Return the nodes of a dataset 55 and their values (nodes, count), which may span several lines."""
     nodes, rows, at = list[int](), list[list[float]](), 0
     while at < len(lines):
         nodes.append(_whole(lines[at].strip()))
@@ -464,7 +464,7 @@ def _nodal_values(lines: Sequence[str], count: int) -> tuple[list[int], np.ndarr
 
 
 def _places(dataset: _Dataset) -> dict[str, tuple[float, float, float]]:
-    """Return the coordinates of nodes of a dataset 15, a line each, or 2411, two lines each."""
+    """Return the coordinates of nodes of a dataset 15 (one line each) or 2411 (two lines each)."""
     words = list[str]()
     for line in dataset.lines:
         has_blanks = dataset.kind != 15 or len(line.split()) in (0, 7)

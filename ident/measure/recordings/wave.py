@@ -1,4 +1,4 @@
-"""WAV files, by scipy: whole numbers become shares of full scale, which a sensitivity makes quantities of."""
+"""WAV files, by scipy: whole numbers become shares of full scale, which a sensitivity converts to quantities."""
 
 import io
 import warnings
@@ -15,12 +15,12 @@ KIND = "a WAV file"
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return the channels of a WAV file, named 1, 2, ..., without unit; further chunks are passed over."""
+    """Return the channels of a WAV file, named 1, 2, ..., without unit; skip further chunks."""
     from scipy.io import wavfile
 
     order: Literal["little", "big"] = "big" if data.startswith(b"RIFX") else "little"
     promised = int.from_bytes(data[4:8], order) + 8
-    if len(data) < promised - 1 and not data.startswith(b"RF64"):  # the last byte may be padding that was left out
+    if len(data) < promised - 1 and not data.startswith(b"RF64"):  # the last byte may be a missing padding byte
         damaged(path, KIND, f"{len(data)} of {promised} bytes")
     try:
         with warnings.catch_warnings():
