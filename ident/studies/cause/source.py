@@ -161,7 +161,7 @@ def source(
 
     Args:
         runs: the table of runs, see `ident source --init`, or its file.
-        arm: the arm; by default arm.toml beside the table.
+        arm: the arm; by default arm.toml in the folder of the table.
         options: the clock error, the runs left out for testing.
         posterior: draws of its stiffnesses: a sample, or its file; without it they are known within 10 % (assumed).
         progress: shows the progress of the search.

@@ -512,7 +512,7 @@ def _for_most_draws(task: Task, search: Search, evaluator: Evaluator, u: Point, 
     """Return the least change with which most draws keep the limit, too: they may scatter more than before a change.
 
     Args:
-        task: what is asked.
+        task: the diagnosis.
         search: over all unknown phases.
         evaluator: with the draws.
         u: the least change for an aim.
@@ -537,7 +537,7 @@ def _least_change(task: Task, search: Search, start: Point, aim: float) -> Point
     times the ratio of both, which a change hardly alters, until the ratio is constant.
 
     Args:
-        task: what is asked.
+        task: the diagnosis.
         search: over all unknown phases.
         start: starting point.
         aim: [m]

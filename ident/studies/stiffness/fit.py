@@ -116,7 +116,7 @@ class FitResult(FromFit):
 
     @property
     def trade_offs(self) -> Mapping[str, Mapping[str, float]]:
-        """Trade-offs that the data don't notice: for each parameter that may move, the changes of all in ln(value)."""
+        """Trade-offs that the data don't notice: for each parameter that may move, changes of all in ln(value) [-]."""
         known = self.fit.information
         return {each.name: dict(zip(known.names, map(float, each.change), strict=True)) for each in known.trade_offs()}
 
