@@ -105,8 +105,7 @@ def explore(
     """Make a page to change stiffnesses, payload, speed and posture of an arm by hand.
 
     It shows the arm and its modes, natural frequencies [Hz] along the motion against the pulleys', static deflection
-    and
-    steady response, computed by the page itself: no network, no server.
+    and steady response, computed by the page itself: no network, no server.
 
     Args:
         arm: the arm.
