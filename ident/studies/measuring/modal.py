@@ -109,7 +109,7 @@ class ModalResult(Result):
         identified: modes of each test; empty if not requested.
         finished: files of finished modes.
         named: their modes.
-        campaign: the named modes, with the correlation of their errors; None without modes.
+        campaign: the named modes, with the correlation of their errors; None if not requested.
         files: recordings, by name, and the channel table.
         options: the options of the call.
         reproducibility: part of the campaign's sigmas beyond the scatter within a test; None without a campaign.

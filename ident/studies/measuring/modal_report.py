@@ -140,7 +140,7 @@ def _findings(
     modes: Sequence[Labelled],
     reproducibility: Reproducibility | None,
 ) -> Iterator[Finding]:
-    """Yield the findings that affect the verdict, most important first; an arm in motion explains some away."""
+    """Yield findings that affect the verdict, most important first, without those due to a still moving arm."""
     remarks = _remarks(tests, identified)
     moving = [remark for remark in remarks if MOVING in remark]
     yield from (Finding(remarks.pop(remark) + remark, "wait longer between hits") for remark in moving)
