@@ -1,4 +1,4 @@
-"""The command line: reads, calls, writes.
+"""The command line: reads inputs, calls studies, writes results.
 
 Exit status: 0 done, whatever the data say; 1 the model has no answer; 2 bad input; 3 a computation missed its own
 criterion, or with `--strict` the data contradict each other or the model; 130 stopped by Ctrl-C.
@@ -9,7 +9,7 @@ import textwrap
 
 import typer
 
-from ident.cli import commands  # noqa: F401  (they hang on the app)
+from ident.cli import commands  # noqa: F401  (they register with the app)
 from ident.cli.command import app
 from ident.cli.output import FOLDED, status_of
 from ident.errors import IdentError, one_line
@@ -21,6 +21,6 @@ def main() -> None:
         app()
     except IdentError as error:
         for line in str(error).splitlines():
-            words = f"ident: {one_line(line)}"  # folded for a terminal; for a script, a problem is one line
+            words = f"ident: {one_line(line)}"  # folded for a terminal; for a script, one line per problem
             typer.echo(textwrap.fill(words, 100, **FOLDED) if sys.stderr.isatty() else words, err=True)
         sys.exit(status_of(error))

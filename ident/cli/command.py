@@ -1,4 +1,4 @@
-"""A command made of a study: its flags follow from the study's inputs and options, its complaints name them."""
+"""Turn studies into commands: flags follow from the study's inputs and options, error messages name the flags."""
 
 import inspect
 import json
@@ -38,7 +38,8 @@ from ident.text import did_you_mean, one_line, quoted, read_text
 from ident.units import in_si, width
 
 # -------- Defaults
-# Defaults of flags from `ident.toml` beside the campaign, or the arm: command line before file before ident's own.
+# Defaults of flags from `ident.toml` in the folder of the campaign, or the arm. The command line overrides the file,
+# the file overrides ident's own defaults.
 #
 # starts = 8              # a flag of any command, without its dashes
 # out = "results"         # a path counts from the folder of the file
@@ -48,7 +49,7 @@ from ident.units import in_si, width
 
 FILE = "ident.toml"
 WITHOUT = ("new", "rerun")
-"""Commands that take no defaults: what is new has none, what is repeated has its own."""
+"""Commands without defaults: a new file has none, a repetition has its own."""
 TYPES: dict[type, tuple[Any, str]] = {
     bool: (bool, "true or false"),
     int: (int, "a whole number"),
@@ -56,15 +57,15 @@ TYPES: dict[type, tuple[Any, str]] = {
     str: (str | int | float, "text in quotes"),
     Path: (str, "a path in quotes"),
 }
-"""What a flag of each type takes from the file, and how that is said."""
+"""Accepted types in the file for each type of flag, and their description."""
 LONGEST_SHOWN = 90
-"""Characters of a value that are repeated."""
+"""Longest value repeated in a message [characters]."""
 NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force", *ADDRESSES)
-"""Flags that a file can't set: they are said once, or connect with whoever wrote the file."""
+"""Flags that a file can't set: they apply to one call, or connect with the author of the file."""
 
 
 def with_defaults(context: typer.Context, values: dict[str, Any], kinds: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a command's values, those that the command line does not give by the file, if there is one.
+    """Return a command's values, completed from the file, if there is one.
 
     Args:
         context: of the command line.
@@ -72,7 +73,7 @@ def with_defaults(context: typer.Context, values: dict[str, Any], kinds: Mapping
         kinds: type of each parameter.
 
     Raises:
-        InputError: keys that no command has, and values that their flags do not take; all are listed.
+        InputError: unknown keys, and values that their flags do not accept; all are listed.
     """
     name, own = str(context.info_name), _flags(context.command)
     path = _main(context, values)
@@ -107,7 +108,7 @@ def _shown(value: Any) -> str:
 
 
 def _main(context: typer.Context, values: Mapping[str, Any]) -> Path | None:
-    """Return the file that the command is about: its first argument, or else the arm."""
+    """Return the command's main file: its first argument, or else the arm."""
     arguments = [each.name for each in context.command.params if each.param_type_name == "argument"]
     paths = (values.get(str(name)) for name in (*arguments, "arm"))
     return next((path for path in paths if isinstance(path, Path)), None)
@@ -133,7 +134,7 @@ def _read(file: Path) -> dict[str, Any]:
 
 
 def _unknown(context: typer.Context, document: Mapping[str, Any], where: str) -> Iterator[Problem]:
-    """Yield keys that no command has, and those of a table that its command has not."""
+    """Yield keys of no command, and keys of a table that its command does not have."""
     commands: dict[str, Any] = getattr(context.parent and context.parent.command, "commands", {})
     flags = {name: _flags(command) for name, command in commands.items() if name not in WITHOUT}
     every = sorted({flag for own in flags.values() for flag in own})
@@ -156,10 +157,10 @@ def _no_such(where: str, place: str, key: str, known: list[str]) -> Problem:
 
 
 def _cast(kind: Any, value: Any, folder: Path) -> Any:
-    """Return a value of the file as the command line would have given it.
+    """Return a value of the file in the form of the command line.
 
     Raises:
-        ValueError: it is of another type than the flag; says what would be right.
+        ValueError: it has the wrong type for the flag; says which is right.
     """
     if isinstance(kind, UnionType):
         kind = next(each for each in get_args(kind) if each is not NoneType)
@@ -209,24 +210,24 @@ MAIN: Mapping[str, str] = {
     "fleet": "workers dask fix free strict",
     "modal": "init channels no_modes reproducibility",
 }
-"""Flags that matter, by command: its help shows these and `ALWAYS`, and `--help-all` the rest."""
+"""Main flags by command: its help shows these and `ALWAYS`, and `--help-all` the rest."""
 ALWAYS = ("arm", "out", "force", "details", "json")
 WHOLE = "ident.help_all"
-"""Says, in the context of a command, that its help shows all flags."""
+"""Key in a command's context for help with all flags."""
 
 
 def flag(help: str, *names: str, kind: Any = Path | None) -> Any:
-    """Return a flag, in typer's words, that names a file or none, or takes a value of another kind."""
+    """Return a flag, in typer's form, for a file or none, or for a value of another kind."""
     return Annotated[kind, typer.Option(*names, help=help)]
 
 
 def parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
-    """Return a parameter of a command, in typer's words."""
+    """Return a parameter of a command, in typer's form."""
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 FORCE = parameter("force", ForceOption, False)
-"""The flag of commands whose options have none."""
+"""The flag of commands whose options do not contain it."""
 INPUTS: dict[str, Any] = {
     "arm": Annotated[Path, typer.Argument(help="arm description: TOML, URDF or MJCF (data/README.md)")],
     "campaign": CampaignArgument,
@@ -236,21 +237,21 @@ INPUTS: dict[str, Any] = {
     "trace": flag("measured vibration to compare with: CSV with time [s], x [mm] or x [m/s^2], ..."),
     "against": flag("another trace, drawn over the first, as a measured one"),
 }
-"""What studies take besides options, by its name there."""
+"""Inputs of studies besides options, by name."""
 F = TypeVar("F", bound=Callable[..., Iterator[Result]])
 
 
 def command(kind: type[Options], *, figures: bool = True, judged: bool = False) -> Callable[[F], F]:
-    """Hang a function on the program: its parameter `options` becomes the flags of this class of options.
+    """Register a function as a command: its parameter `options` becomes the flags of this class of options.
 
-    The function's other parameters are the command's arguments and inputs, in typer's words. It stays as it is. It
-    yields the result, which is printed and, where there is an `out`, written; goes on, and ends with a status for
-    scripts.
+    The function's other parameters are the command's arguments and inputs, in typer's form. The function itself stays
+    unchanged. It yields the result, which is printed and, if it has an `out`, written; then it continues, and may end
+    with an exit status.
 
     Args:
         kind: class of the options.
-        figures: whether there are figures, and a flag that leaves them out.
-        judged: whether there is a flag by which a verdict against the data counts as a failure.
+        figures: whether there are figures, and a flag to leave them out.
+        judged: whether there is a flag that makes a verdict against the data a failure.
     """
 
     def hang(function: F) -> F:
@@ -291,7 +292,7 @@ def command(kind: type[Options], *, figures: bool = True, judged: bool = False) 
 
 @contextmanager
 def _in_flags(kind: type[Options]) -> Iterator[None]:
-    """Let complaints within that speak of options name their flags."""
+    """Let error messages about options inside this context name their flags."""
     try:
         yield
     except InputError as error:
@@ -299,14 +300,14 @@ def _in_flags(kind: type[Options]) -> Iterator[None]:
 
 
 def plain(function: Callable[..., None]) -> Callable[..., None]:
-    """Hang a function on the program that is no study: its parameters are in typer's words."""
+    """Register a function that is no study as a command: its parameters are in typer's form."""
     given = list(inspect.signature(function).parameters.values())
     register(function.__name__, _in_flags(Options)(function), given)
     return function
 
 
 class _Command(TyperCommand):
-    """A command whose help shows the flags that matter, and with `--help-all` all."""
+    """A command whose help shows the main flags, and with `--help-all` all."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         brief, main = copy(self), MAIN.get(str(self.name))
@@ -329,7 +330,7 @@ HelpAllOption = Annotated[
 
 
 def register(name: str, function: Callable[..., None], parameters: list[inspect.Parameter]) -> None:
-    """Hang a function on the program, with the flags that all commands have."""
+    """Register a function as a command, with the flags that all commands have."""
 
     def call(context: typer.Context, **values: Any) -> None:
         values.pop("help_all", None)
@@ -358,14 +359,14 @@ def offer(
     judged: bool = False,
     **words: Any,
 ) -> None:
-    """Hang a study on the program: its inputs and options become arguments and flags.
+    """Register a study as a command: its inputs and options become arguments and flags.
 
     Args:
-        study: what is called; it gives the command its name.
+        study: the study; its name is the command's.
         text: help of the command.
-        files: whether files are written, besides the report that is printed.
-        judged: whether there is a flag by which a verdict against the data counts as a failure.
-        words: inputs that are told otherwise than in `INPUTS`, in typer's words.
+        files: whether files are written, besides the printed report.
+        judged: whether there is a flag that makes a verdict against the data a failure.
+        words: inputs that differ from `INPUTS`, in typer's form.
     """
     names = inspect.signature(study).parameters
     kind = get_args(names["options"].annotation)[0]
@@ -394,15 +395,15 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
 
 
 def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path, ...]]] = ()) -> None:
-    """Write a result's files into a folder, all or none, and say which.
+    """Write a result's files into a folder, all or none, and print their paths.
 
-    Files of the same name are replaced, unless somebody has changed them, or they took long and have other inputs: then
-    they get a number.
+    Files of the same name are replaced. If somebody has changed them, or they took long and have other inputs, they get
+    a number instead.
 
     Args:
-        result: what was computed.
+        result: the result.
         out: the folder.
-        more: what else is written there.
+        more: further files to write there.
     """
     with together() as files:
         other = other_inputs(result, out)
@@ -417,11 +418,11 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
 
 
 UNIT = re.compile(r"\[(m|mm|s|Hz|deg|%)\]|\bpercent\b")
-"""How the help of a flag says the unit of its number."""
+"""Unit of a number in the help of its flag."""
 
 
 def _parameter(each: Field[Any], spec: Spec, *, hidden: bool) -> inspect.Parameter:
-    """Return the flag of an option as typer wants it; help does not offer one that is hidden."""
+    """Return the flag of an option in typer's form; help does not offer a hidden one."""
     names = [flag_of(each), *([spec.short] if spec.short else [])]
     kind, default = each.type, each.default
     if spec.read:
@@ -434,7 +435,7 @@ def _parameter(each: Field[Any], spec: Spec, *, hidden: bool) -> inspect.Paramet
 
 
 def _measured(text: Any, flag: str, unit: str) -> float:
-    """Return a number in a flag's unit, of a text that may have another one of the same quantity: `0.5mm`."""
+    """Return a number in a flag's unit, from a text that may have another unit of the same quantity: `0.5mm`."""
     try:
         return float(text)
     except ValueError:
@@ -445,7 +446,7 @@ def _measured(text: Any, flag: str, unit: str) -> float:
 
 
 def _options(kind: type[Options], values: dict[str, Any]) -> Options:
-    """Return the options that flags give; what a flag does not give has its default."""
+    """Return the options from flags; a missing flag means its default."""
     given: dict[str, Any] = {}
     for each, spec in specs(kind):
         value = values[each.name]

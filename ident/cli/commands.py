@@ -1,7 +1,7 @@
 """The commands: each calls the study of its name, prints the report and writes the files."""
 
 # mypy: disable-error-code="valid-type"
-# flags are made by `flag`, whose calls mypy takes for no types
+# flags are made by `flag`; mypy does not accept its calls as types
 
 import gc
 import os
@@ -95,7 +95,7 @@ offer(
 
 
 def to_fill_in(path: Path, rows: int, then: str) -> None:
-    """Say which table was written, to be filled in, and with which command to go on."""
+    """Print which table was written to be filled in, and the next command."""
     output().wrote(path)
     output().say(f"{rows} channels to fill in; then: ident {then}")
 
@@ -330,7 +330,7 @@ def rerun(
 
 
 # -------- Describing
-# Commands about files: what an arm is and what its names are, what a result says.
+# Commands about files: the content and names of an arm, the report of a result.
 
 NEXT = {
     "show {arm}": "the arm drawn, its numbers checked",
@@ -338,11 +338,11 @@ NEXT = {
     "check {campaign}": "what the measurements can tell",
     "fit {campaign} --out {folder}": "the stiffnesses",
 }
-"""What to do with a new arm, and what it shows."""
+"""Next steps for a new arm, and what they show."""
 RESULTS = (".json", ".nc")
-"""How result files end."""
+"""Endings of result files."""
 STARTS = (b"{", b"\x89HDF")
-"""How result files begin."""
+"""First bytes of result files."""
 
 
 @plain
@@ -395,10 +395,10 @@ def show(
 
 
 def is_result(file: Path) -> bool:
-    """Tell by its end, and else by its beginning, whether a file is a result, and no arm.
+    """Whether a file is a result and no arm, by its ending or else by its first bytes.
 
     Raises:
-        InputError: there is no such file.
+        InputError: no such file.
     """
     if file.suffix in RESULTS:
         return True
@@ -449,7 +449,7 @@ def new(
 
 
 # -------- Diagnosing
-# `ident diagnose`: it names each finished stage, and gives back what a stage leaves behind.
+# `ident diagnose`: prints each finished stage, and frees the memory of a stage.
 
 
 @command(DiagnoseOptions, figures=False, judged=True)
@@ -514,7 +514,7 @@ offer(
 
 
 # -------- Exporting
-# The command `ident export`: what was identified, in the robot's own description.
+# The command `ident export`: identified numbers in the robot's own description.
 
 
 @plain
@@ -600,10 +600,10 @@ def modal_command(
 
 
 # -------- Doctor
-# The command `ident doctor`: what to send with a question.
+# The command `ident doctor`: information to send with a question.
 
 OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "distributed", "dynesty")
-"""Libraries that some inputs and options need."""
+"""Libraries for some inputs and options."""
 
 
 @plain
@@ -615,7 +615,7 @@ def doctor() -> None:
     from ident.programs import LIBRARIES
 
     cache = Path(jax.config.values["jax_compilation_cache_dir"] or ".").parent
-    files = [Path(folder) / name for folder, _, names in os.walk(cache) for name in names]  # passes over what vanishes
+    files = [Path(folder) / name for folder, _, names in os.walk(cache) for name in names]  # skips files that vanish
     size = sum(path.stat().st_size for path in files if path.is_file())
     devices = ", ".join(map(str, jax.devices()))
     found = {

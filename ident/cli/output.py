@@ -1,4 +1,4 @@
-"""The program's app, and what a command says: for people, or as one JSON document."""
+"""The program's app, and its output: for people, or as one JSON document."""
 
 import json
 import logging
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ident.studies.result import Reported
 
 # -------- App
-# The program `ident` itself: its commands hang on `app`.
+# The program `ident` itself: commands register with `app`.
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -49,7 +49,7 @@ def _root(
 
 
 # -------- Output
-# What a command says: words for people, or one JSON document for programs.
+# Output of a command: words for people, or one JSON document for programs.
 #
 # Words go to standard output; with `--json` they go to standard error, and with `--quiet` nowhere. Errors always go
 # to standard error; with `--json` they are a document as well.
@@ -62,7 +62,7 @@ VerboseOption = Annotated[
     bool, typer.Option("--verbose", "-v", help="log what is read, compiled and written, with times, to standard error")
 ]
 SHORT = 3
-"""Exit status where a computation missed its own criterion, or, if asked for, the data contradict each other."""
+"""Exit status if a computation missed its own criterion or, with `--strict`, the data contradict each other."""
 
 
 def status_of(error: IdentError) -> int:
@@ -72,14 +72,14 @@ def status_of(error: IdentError) -> int:
 
 @dataclass
 class Output:
-    """How one command speaks, and what it has to say to programs.
+    """Output mode of one command, and its document for programs.
 
     Attributes:
         json: whether a document is printed at the end.
-        quiet: whether there are no words.
+        quiet: whether words are suppressed.
         details: whether reports are printed with their details.
-        force: whether earlier files are replaced, whatever they are.
-        document: the result for programs, made when it is asked for.
+        force: whether existing files are always replaced.
+        document: the result for programs, made on request.
         written: files.
     """
 
@@ -96,17 +96,17 @@ class Output:
             typer.echo(text, nl=nl, err=self.json)
 
     def wrote(self, path: Path) -> None:
-        """Say that a file was written."""
+        """Print the path of a written file."""
         self.written.append(str(path))
         self.say(f"wrote {one_line(str(path))}")
 
 
 SPOKEN: ContextVar[Output] = ContextVar("SPOKEN")
-"""How the present command speaks."""
+"""Output mode of the present command."""
 
 
 def output() -> Output:
-    """Return how the present command speaks."""
+    """Return the output mode of the present command."""
     return SPOKEN.get(Output())
 
 
@@ -114,7 +114,7 @@ def output() -> Output:
 def speaking(
     *, as_json: bool, quiet: bool, details: bool = False, verbose: bool = False, force: bool = False
 ) -> Iterator[None]:
-    """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
+    """Set the output mode inside this context; at the end, for any exit status, print the document if requested."""
     log, lines = logging.getLogger("ident"), logging.StreamHandler()
     level = log.level
     lines.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
@@ -144,9 +144,9 @@ def speaking(
 
 
 def tell(result: "Reported") -> None:
-    """Say where an arm is not what its robot description says, and print a result's report as wide as the terminal.
+    """Print notes on differences between arm and robot description, and a result's report at terminal width.
 
-    The result is what the command says to programs.
+    The result also becomes the command's document for programs.
     """
     spoken = output()
     terminal = (sys.stderr if spoken.json else sys.stdout).isatty()

@@ -1,4 +1,4 @@
-"""What every command does first: set up jax, read the inputs, show progress."""
+"""Common start of every command: set up jax, read the inputs, show progress."""
 
 import atexit
 import ctypes
@@ -27,21 +27,21 @@ if TYPE_CHECKING:
 
 
 NEW_PROGRAM = "/jax/compilation_cache/cache_misses"
-"""What jax reports of a program that it has compiled, as none like it was kept."""
+"""Event of jax for a newly compiled program, which was not in the cache."""
 PACE = 10.0
-"""Seconds between two lines that say how far long work is, where there is no terminal."""
+"""Seconds between two progress lines, without a terminal."""
 LONGEST_PATH = 200
-"""Characters of a path that a message repeats."""
+"""Longest path in a message [characters]."""
 
 
 def start() -> None:
-    """Set up jax: double precision, and compiled programs kept from one run to the next."""
-    # what a library warns of is no news to who uses ident; -W says otherwise
+    """Set up jax: double precision, and a cache of compiled programs across runs."""
+    # warnings of libraries are no news to a user of ident; -W overrides this
     warnings.simplefilter("ignore", append=True)
     glibc("mallopt", -8, 2)  # M_ARENA_MAX: threads share two heaps, a sixth less memory than with one each
     gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs slow compilation as an error
-    atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
+    atexit.register(gc.freeze)  # and 0.6 s less to stop: the remaining objects go with the process
     import jax
 
     folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -58,7 +58,7 @@ def start() -> None:
 
 
 def glibc(name: str, *numbers: int) -> None:
-    """Call a function of glibc about memory; on other systems nothing happens."""
+    """Call a memory function of glibc; on other systems nothing happens."""
     with suppress(Exception):
         getattr(ctypes.CDLL(None), name)(*numbers)
 
@@ -75,9 +75,9 @@ def _say_that_it_compiles() -> None:
 
 
 def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
-    """Read a campaign and its arm, arm.toml beside the campaign if no other is named; and set up jax between them.
+    """Read a campaign and its arm, by default arm.toml in the campaign's folder; set up jax between them.
 
-    So a campaign that is refused need not wait for jax.
+    So a refused campaign need not wait for jax.
     """
     from ident.measure import read_campaign
 
@@ -89,16 +89,16 @@ def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
 
 
 def check_folder(out: Path) -> None:
-    """Refuse a folder that can't be written, before anything is computed for it.
+    """Refuse a folder that can't be written, before any computation for it.
 
     Raises:
-        InputError: it is a file, or lies where nothing can be written.
+        InputError: it is a file, or its place can't be written.
     """
     there, got = out, ""
     try:
         there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
         if there.is_dir():
-            with TemporaryFile(dir=there):  # rights alone do not tell: root has them in /proc, too
+            with TemporaryFile(dir=there):  # permissions alone do not show it: root has them in /proc, too
                 pass
         else:
             got = "a file"
@@ -111,7 +111,7 @@ def check_folder(out: Path) -> None:
 
 @contextmanager
 def kept(folder: Path) -> Iterator[None]:
-    """Say, where the user interrupts, what is kept to go on from, and end with the code of an interruption."""
+    """On an interruption by the user, print what is stored for resuming, and exit with the code of an interruption."""
     try:
         yield
     except KeyboardInterrupt:
@@ -120,14 +120,14 @@ def kept(folder: Path) -> Iterator[None]:
 
 
 def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:
-    """Remove what a finished run has kept; another run that has begun to go on from there will remove it."""
+    """Remove the checkpoints of a finished run; if another run has resumed from them, it will remove them."""
     with suppress(InputError):
         discard(folder)
 
 
 @contextmanager
 def at_work(command: str) -> Iterator[None]:
-    """Say once in a log that work within goes on, where it is long; what shows how far it is comes besides."""
+    """Print once in a log that long work inside this context goes on; progress is shown besides."""
     words = f"ident {command}: at work for {PACE:g} s"
     timer = threading.Timer(min(PACE, threading.TIMEOUT_MAX), typer.echo, [words], {"err": True})
     timer.daemon = True
@@ -140,7 +140,7 @@ def at_work(command: str) -> Iterator[None]:
 
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
-    """Return what shows how far an iterable is: a bar on a terminal, which vanishes; elsewhere a line now and then."""
+    """Return a wrapper that shows progress: a bar on a terminal, which vanishes; elsewhere a line now and then."""
     if output().quiet:
         return iter
     if not sys.stderr.isatty():
@@ -155,7 +155,7 @@ def progress(description: str, total: int | None = None) -> Callable[[Iterable[i
 
 
 def _in_lines(description: str, total: int | None, numbers: Iterable[int]) -> Iterator[int]:
-    """Pass numbers on, and say every `PACE` seconds how many; what ends sooner says nothing."""
+    """Pass numbers on, and print their count every `PACE` seconds; nothing for shorter work."""
     size = total if total is not None else len(numbers) if isinstance(numbers, Sized) else None
     began = said = time.monotonic()
     for count, number in enumerate(numbers):

@@ -1,1 +1,1 @@
-"""The frame of every screen, page, figure and file. Knows no command."""
+"""The layout of every screen, page, figure and file. Knows no command."""

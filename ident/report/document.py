@@ -1,7 +1,7 @@
 """Result files: JSON, and netCDF of large arrays; PNG.
 
-A file holds what a result was made from and how (texts of the inputs, options, software), its numbers, and its report.
-It names no class of the program: a later version reads it, a newer one is refused in one line.
+A file holds the provenance of a result (texts of the inputs, options, software), its numbers, and its report. It names
+no class of the program: a later version reads it; a file of a newer version is refused in one line.
 """
 
 import json
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
 LIBRARIES = ("ident-arm", "jax", "optimistix", "emcee", "arviz", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
 FIRST, NEWEST = 10, 10
-"""Versions of all formats that are read, the newest of which is written; those before named classes."""
+"""Oldest and newest readable version of all formats; the newest is written, versions before named classes."""
 WIDTH = 160
-"""Longest line of a file, but for those of numbers."""
+"""Longest line of a file, except lines of numbers."""
 
 
 def provenance(form: str, inputs: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Say what a result was made from, with what and how: the head of every result file.
+    """Return the provenance of a result: the head of every result file.
 
     Args:
         form: format and version.
-        inputs: what came from files, with `path` and `sha256`, by name; None for what was not given.
-        options: as they are recorded.
+        inputs: inputs from files, with `path` and `sha256`, by name; None for inputs that were not given.
+        options: in their recorded form.
     """
     sources = {
         name: None if source is None else {"path": source.path, "sha256": source.sha256}
@@ -65,13 +65,13 @@ def _versions() -> dict[str, str]:
 
 
 def write_json(document: Mapping[str, Any], path: Path) -> None:
-    """Write a document whole or not at all."""
+    """Write a document completely or not at all."""
     text = _laid_out(document) + "\n"
     replace_file(path, lambda file: file.write(text.encode("utf-8", "backslashreplace")), make_folders=True)
 
 
 def read_document(path: str | Path, expected: str) -> dict[str, Any]:
-    """Return what a result file says."""
+    """Return the content of a result file."""
     where = one_line(str(path))
     try:
         text = decode_text(read_bytes(path, expected, LARGEST_BINARY), where)
@@ -89,7 +89,7 @@ def _no_number(name: str) -> Any:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return pairs as a mapping; a name that is given twice means two things."""
+    """Return pairs as a mapping; a repeated name is ambiguous."""
     mapping = dict(pairs)
     if len(mapping) < len(pairs):
         raise ValueError
@@ -97,10 +97,10 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def read_record(path: str | Path) -> dict[str, Any]:
-    """Return the record that a result file holds.
+    """Return the record in a result file.
 
     Raises:
-        InputError: it is none, or of a version that is not read.
+        InputError: no record, or of an unreadable version.
     """
     where = one_line(str(path))
     if Path(path).suffix == ".nc":
@@ -126,13 +126,13 @@ def check_version(form: str, study: str, where: str, expected: str = EXPECTED) -
     """Refuse the result of another study, of a version before `FIRST`, and of one after `NEWEST`.
 
     Args:
-        form: the format that a file says.
-        study: whose it shall be.
+        form: the format in the file.
+        study: the expected study.
         where: the file.
-        expected: what it shall be, in words.
+        expected: the expected file, in words.
 
     Raises:
-        InputError: it is not.
+        InputError: it does not match.
     """
     number = form.rpartition("/")[2]
     known = form.startswith(f"ident-{study}/") and number.isdecimal() and len(number) < 6
@@ -145,11 +145,11 @@ def check_version(form: str, study: str, where: str, expected: str = EXPECTED) -
 
 
 def plain(value: Any, instead: Callable[[float], str | None] = lambda number: None) -> Any:
-    """Return a value as JSON knows it.
+    """Return a value in JSON types.
 
     Args:
         value: numbers, text, arrays, paths, dataclasses, and containers of these.
-        instead: what stands for an infinite or undefined number; null by default.
+        instead: replacement of an infinite or undefined number; null by default.
     """
     if isinstance(value, Mapping):
         return {key: plain(item, instead) for key, item in value.items()}
@@ -165,7 +165,7 @@ def plain(value: Any, instead: Callable[[float], str | None] = lambda number: No
 
 
 def _laid_out(value: Any, indent: str = "") -> str:
-    """Return a value as JSON: what is short, and a row of numbers, on one line."""
+    """Return a value as JSON: a short value, or a row of numbers, on one line."""
     inner = indent + " "
     if isinstance(value, Mapping):
         parts = [f"{_laid_out(key)}: {_laid_out(item, inner)}" for key, item in value.items()]
@@ -186,15 +186,15 @@ def _laid_out(value: Any, indent: str = "") -> str:
 
 
 def report_data(report: Report) -> Any:
-    """Return a report as JSON knows it; an infinite number in the word that is printed for it."""
+    """Return a report in JSON types; an infinite number as the word that is printed for it."""
     return plain(report, written)
 
 
 def report_of(data: Any) -> Report:
-    """Return the report that `report_data` has written.
+    """Return a report from the output of `report_data`.
 
     Raises:
-        TypeError, KeyError, ValueError: it is none.
+        TypeError, KeyError, ValueError: the data are no report.
     """
     verdict = Verdict(**_texts(data["verdict"])) if data["verdict"] is not None else None  # type: ignore[arg-type]
     findings = tuple(Finding(**_texts(each)) for each in data["findings"])
@@ -227,25 +227,25 @@ def _table(data: Mapping[str, Any]) -> Table:
 
 
 # -------- netCDF
-# Arrays that other tools read, as netCDF; where a result has no JSON file beside it, its record is a group of its own.
+# Arrays for other tools, as netCDF; a result without a JSON file has its record in a group there.
 
 RECORD = "ident"
 """Group, and variable, of the record as JSON."""
 PACKED = {"zlib": True, "complevel": 4}
-"""How large variables are compressed."""
+"""Compression of large variables."""
 MOST_BYTES = 4_000_000_000
-"""Bytes of a group's variables: ten times a million draws of fifty unknowns."""
+"""Limit of a group's variables [bytes]: ten times a million draws of fifty unknowns."""
 
 
 def write_netcdf(path: Path, groups: "Mapping[str, xarray.Dataset]", record: Mapping[str, Any] | None = None) -> None:
-    """Write arrays for other tools, whole or not at all.
+    """Write arrays for other tools, completely or not at all.
 
-    HDF5 writes into memory: where a disk is full it does not survive its own error.
+    HDF5 writes into memory: on a full disk it does not survive its own error.
 
     Args:
-        path: where the file goes.
-        groups: the arrays by group, "/" at the root; how a variable is packed, its `encoding` says.
-        record: the result's own, where no other file holds it.
+        path: path of the file.
+        groups: the arrays by group, "/" at the root; a variable's `encoding` sets its packing.
+        record: the result's own, unless another file holds it.
     """
     import xarray
 
@@ -269,10 +269,10 @@ def groups_in(file: BytesIO) -> tuple[str, ...]:
 
 
 def is_of_ident(path: str | Path) -> bool:
-    """Tell whether ident has written a netCDF file; what can't be read may well be one."""
+    """Whether ident has written a netCDF file; an unreadable file may well be one."""
     try:
         return "format" in read_group(path).attrs
-    except Exception:  # whatever the bytes of a damaged file lead to: who reads it says so
+    except Exception:  # any error of a damaged file: its reader reports it
         return True
 
 
@@ -280,15 +280,15 @@ def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: An
     """Return a group of a netCDF file with all its variables; a few bytes may claim more than there is memory for.
 
     Raises:
-        ValueError: it leads to another file, or its variables are larger than `MOST_BYTES`; besides, whatever the
-            libraries raise.
+        ValueError: it links to another file, or its variables are larger than `MOST_BYTES`; besides, any error of the
+            libraries.
     """
     import h5netcdf
     import h5py
     import xarray
 
-    h5netcdf.File._writable = False  # of one that it fails to open, and asks for this when that is thrown away
-    with h5py.File(file, "r") as opened:  # what is no such file at all ends here: in h5netcdf it would not end quietly
+    h5netcdf.File._writable = False  # for one that it fails to open: h5netcdf asks for this on deletion
+    with h5py.File(file, "r") as opened:  # any other file is refused here: h5netcdf would not fail quietly
         if away := leads_away(opened):
             raise ValueError(f"{away[0]}: {away[1]}")
     with xarray.open_dataset(file, group=group, engine="h5netcdf", **how) as data:
@@ -299,10 +299,10 @@ def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: An
 
 @contextmanager
 def whole(path: str | Path, got: str, expected: str, remedy: str) -> Iterator[None]:
-    """Refuse a file in which reading fails within: damaged, h5py and xarray raise whatever its bytes lead to.
+    """Refuse a file if reading it fails inside this context: h5py and xarray raise anything for a damaged file.
 
     Raises:
-        InputError: it does.
+        InputError: reading fails.
     """
     try:
         yield
@@ -319,7 +319,7 @@ DPI = 130
 
 
 def save(figure: "Figure", path: Path) -> None:
-    """Write a figure as PNG, whole or not at all; what `Figure.savefig` writes, which draws it twice."""
+    """Write a figure as PNG, completely or not at all; like `Figure.savefig`, which draws it twice."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.set_dpi(DPI)

@@ -1,7 +1,7 @@
-"""A report as one HTML file: no other file, nothing from the network, no script but that of a page within it.
+"""A report as one HTML file: no other file, nothing from the network, no script except that of an embedded page.
 
-What a page says comes from files that anybody may have written. Every text goes through `shown` and Jinja2's
-autoescape, and a content security policy refuses whatever a text might still ask for.
+The texts of a page come from files of unknown authors. Every text goes through `shown` and Jinja2's autoescape, and a
+content security policy refuses any remaining request of a text.
 """
 
 import base64
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 NARROW = 32
 """Characters up to which a table's cell stays on one line."""
 NUMBER = re.compile(r"\W*\d")
-"""How a cell with a number begins."""
+"""Beginning of a cell with a number."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Picture:
 
     Attributes:
         svg: the whole SVG document.
-        alt: what can be seen in it, for whoever can't see it.
+        alt: description for readers who can't see it.
         caption: what it shows and how to read it.
         readable: [px] width at which its smallest letter is 10 px; in a narrow window it scrolls at this width.
-        moving: the same as it moves, for who does not mind; empty where nothing moves.
+        moving: the animated version; empty without animation.
 
     Raises:
         ValueError: there is no SVG or no alternative text.
@@ -64,13 +64,13 @@ class Picture:
 
 @dataclass(frozen=True)
 class Frame:
-    """A page that computes, within the page: it reaches neither the page about it nor anything else.
+    """An embedded page that computes: it can access neither the surrounding page nor anything else.
 
     Attributes:
         html: the whole page.
         script: hash of the one script that it may run, as `sha256-...`.
-        title: what it is, for whoever can't see it.
-        caption: what it shows; on paper, it is left out with the page.
+        title: description for readers who can't see it.
+        caption: what it shows; in print it is left out with the page.
     """
 
     html: str
@@ -102,14 +102,14 @@ class Page:
 
     Attributes:
         title: heading of the page.
-        subtitle: what it is about: arm, campaign, date.
-        verdict: what the whole comes to.
-        summary: what stands with the verdict, each with its label: Cause, Remedy, Caution.
+        subtitle: arm, campaign, date.
+        verdict: the overall verdict.
+        summary: lines next to the verdict, each with its label: Cause, Remedy, Caution.
         sections: the parts, in order.
-        inputs: what went in, as a table: name, file, hash.
-        assumptions: what was assumed, a sentence each.
-        provenance: names and values that say how the page came about: versions, options, seeds.
-        above: words and relative address of the page that led here; empty for none.
+        inputs: input files, as a table: name, file, hash.
+        assumptions: the assumptions, a sentence each.
+        provenance: names and values for reproduction: versions, options, seeds.
+        above: text and relative address of the page that led here; empty for none.
     """
 
     title: str
@@ -140,21 +140,21 @@ def template_of(package: str, file: str) -> Template:
 
 
 def write_page(page: Page, path: Path) -> None:
-    """Write a page as HTML, whole or not at all."""
+    """Write a page as HTML, completely or not at all."""
     text = render(page).encode("utf-8")
     replace_file(path, lambda file: file.write(text), make_folders=True)
 
 
 def shown(value: object) -> object:
-    """Return what a page shows: control characters and those that turn the direction of text become visible.
+    """Return a text as the page shows it: control characters and changes of text direction become visible.
 
-    What the template itself made of texts stays as it is.
+    Output of the template itself stays unchanged.
     """
     return value if hasattr(value, "__html__") else one_line(str(value))
 
 
 def columns(table: "Table") -> list[str]:
-    """Return how each column is set: `wide` text on several lines, a `number` to the right, or `words`."""
+    """Return the layout of each column: `wide` text on several lines, a `number` to the right, or `words`."""
     looks = []
     for j in range(len(table.head)):
         cells = [one_line(row[j]) for row in table.texts]
@@ -176,39 +176,39 @@ def data_uri(svg: str) -> str:
 
 
 # -------- Moving modes
-# The first modes of an arm as a picture that moves: SVG without a script, still for who wants no motion.
+# The first modes of an arm as an animated SVG without a script, still for readers who prefer no motion.
 
 WIDTH, HEIGHT, MODE_WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
-"""Size of a mode's picture, the height of its words, and the room about the arm [px]."""
+"""Size of a mode's picture, the height of its words, and the margin around the arm [px]."""
 
 
 # -------- Picture
-# Figures for a page: SVG that looks the same everywhere and comes out the same every time.
+# Figures for a page: SVG that looks the same everywhere and is the same every time.
 
 LARGEST = 1_500_000
-"""Characters of an SVG above which its data are drawn as pixels."""
+"""Characters of an SVG above which its data are rasterised."""
 SETTINGS: dict[Any, Any] = {"svg.hashsalt": "ident", "svg.fonttype": "path", "path.simplify_threshold": 0.25}
 ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that no XML document may hold."""
 
 
 def picture(figure: Figure, alt: str, caption: str) -> Picture:
-    """Return a figure for a page: letters as outlines, no date; what would be too large becomes pixels.
+    """Return a figure for a page: letters as outlines, no date; oversized data are rasterised.
 
     Args:
-        figure: what to draw.
-        alt: what can be seen in it, for whoever can't see it.
+        figure: the figure.
+        alt: description for readers who can't see it.
         caption: what it shows and how to read it.
     """
     svg = _svg(figure)
     if len(svg) > LARGEST:
         for axes in figure.axes:
             for artist in (*axes.lines, *axes.collections, *axes.patches, *axes.images):
-                artist.set_rasterized(True)  # what is drawn from data, and not the frame or the words about it
+                artist.set_rasterized(True)  # drawn data, but not the frame or the words around it
         svg = _svg(figure)
     letters = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()]
     width = 72 * figure.get_size_inches()[0]
-    return Picture(svg, alt, caption, ceil(10 * width / min(letters)) if letters else 0)  # letters of 10 px are read
+    return Picture(svg, alt, caption, ceil(10 * width / min(letters)) if letters else 0)  # letters of 10 px are legible
 
 
 def _svg(figure: Figure) -> str:

@@ -1,8 +1,7 @@
-"""What a study has to say, said once: a verdict, tables of numbers, findings and details. Terminal and pages render it.
+"""The report of a study: a verdict, tables of numbers, findings and details. Terminal and pages render it.
 
-The first screen has, in this order: what was done to what; the verdict with its reason; the tables that are the
-answer; at most `MOST` findings, by their effect on the verdict, each with what to do; the largest residual; the next
-command. Details follow where they are asked for.
+The first screen has, in this order: subject; verdict with its reason; the answer as tables; at most `MOST` findings, by
+their effect on the verdict, each with its remedy; the largest residual; the next command. Details follow on request.
 """
 
 import math
@@ -17,25 +16,25 @@ from typing import Any, Literal
 from ident.text import one_line
 
 Cell = str | float | int | None
-"""What stands in a table: words, a number, or nothing."""
+"""Cell of a table: words, a number, or nothing."""
 Kind = Literal["good", "caution", "bad"]
-"""How a verdict is coloured."""
+"""Colour of a verdict."""
 WIDTH = 100
 """Columns of a terminal that every report fits."""
 KEPT = "\u00a0"
-"""Stands for a space at which no line is broken, until lines are."""
+"""Stands for a space without a line break, until lines are broken."""
 MOST = 3
 """Findings on the first screen, at most."""
 GAP = "  "
 """Between two columns of a printed table."""
 NARROWEST = 12
-"""Characters to which a column of words is cut at most."""
+"""Characters to which a column of words may be cut."""
 POWER = 1e4
-"""From here on a number is written with a power of ten, `4.7869e4`, whatever its digits."""
+"""From this size a number is written with a power of ten, `4.7869e4`, for any number of digits."""
 NUMBER = re.compile(r"[^\w(]*\d")
-"""How a cell with a number begins."""
+"""Beginning of a cell with a number."""
 LABEL = re.compile(r"\w+: {2,}")
-"""How a paragraph with a label begins, below whose words further lines stand: `Cause:   `."""
+"""Beginning of a labelled paragraph; further lines align below its words: `Cause:   `."""
 COLOURS: dict[Kind, str] = {"good": "32", "caution": "33", "bad": "31"}
 """Green, yellow and red of a terminal."""
 
@@ -45,18 +44,19 @@ class Table:
     """Rows under a head; the first cell of a row names it.
 
     Attributes:
-        caption: what the table shows; empty where the text above has said it.
+        caption: what the table shows; empty if the text above says it.
         head: names of the columns, each with its unit in brackets: `value [N m/rad]`.
         rows: cells (`Cell`), as many in each row as there are columns.
-        forms: how the numbers of each column are written, as `.4g`; empty for words. None are needed without numbers.
-        note: what to know when reading it; may be empty.
-        strong: numbers of the rows to emphasise, from 0.
-        links: address that the name of each row leads to, relative to the page; none for no links.
-        brief: whether it is left out where the details follow, which have it in full.
+        forms: number format of each column, as `.4g`; empty for words. Not needed without numbers.
+        note: how to read it; may be empty.
+        strong: indices of the rows to emphasise, from 0.
+        links: address linked from the name of each row, relative to the page; empty for no links.
+        brief: whether it is left out if the details follow, which have it in full.
 
     Raises:
-        ValueError: a row, or `forms`, has another number of cells than the head, an emphasised row is not there, or
-            links are not as many as rows.
+        ValueError: a row, or `forms`, has another number of cells than the head; an emphasised row does not exist;
+        links and
+            rows differ in number.
     """
 
     caption: str
@@ -79,19 +79,19 @@ class Table:
 
     @property
     def texts(self) -> tuple[tuple[str, ...], ...]:
-        """The cells as they are shown."""
+        """The cells as displayed."""
         forms = self.forms or ("",) * len(self.head)
         return tuple(tuple(written(cell, form) for cell, form in zip(row, forms, strict=True)) for row in self.rows)
 
 
 def by_row(**columns: Any) -> list[dict[str, Any]]:
-    """Return the rows of columns of equal length, numbers as Python has them: `by_row(parameter=..., value=...)`."""
+    """Return the rows of columns of equal length, numbers in Python types: `by_row(parameter=..., value=...)`."""
     cells = (each.tolist() if hasattr(each, "tolist") else each for each in columns.values())
     return [dict(zip(columns, row, strict=True)) for row in zip(*cells, strict=True)]
 
 
 def by_head(heads: Iterable[str], rows: Iterable[Iterable[Any]], caption: str = "", note: str = "") -> Table:
-    """Return a table whose heads say how their numbers are written, behind a bar: `frequency [Hz]|.3f`."""
+    """Return a table whose heads contain the number format after a bar: `frequency [Hz]|.3f`."""
     head, forms = zip(*(each.partition("|")[::2] for each in heads), strict=True)
     return Table(caption, head, tuple(map(tuple, rows)), forms, note)
 
@@ -102,11 +102,11 @@ Part = str | Table
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the whole comes to.
+    """The overall verdict.
 
     Attributes:
         word: one of the study's closed set, in capitals; the rule of each is in docs/answers.md.
-        reason: with the number that carries it.
+        reason: with the decisive number.
         kind: its colour.
     """
 
@@ -117,10 +117,10 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Finding:
-    """What bears on the verdict.
+    """A fact that affects the verdict.
 
     Attributes:
-        text: what was found.
+        text: the finding.
         remedy: what to do; may be empty.
     """
 
@@ -143,16 +143,16 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """All that a study has to say.
+    """The complete report of a study.
 
     Attributes:
-        subject: what was done to what, in one line.
-        verdict: what it comes to; None for a study that judges nothing.
-        answer: the tables that are the answer, and sentences beside them.
-        findings: what bears on the verdict, the weightiest first.
-        remark: the largest residual, or what else is worth one line; may be empty.
+        subject: operation and object, in one line.
+        verdict: None for a study that judges nothing.
+        answer: the tables of the answer, and sentences between them.
+        findings: facts that affect the verdict, most important first.
+        remark: the largest residual, or another fact worth one line; may be empty.
         next: the next command; may be empty.
-        details: what is printed where it is asked for.
+        details: printed on request.
     """
 
     subject: str
@@ -179,17 +179,17 @@ def text_of(report: Report, *, details: bool = False, width: int = WIDTH, colour
     """Return a report as text: the first screen, or all of it.
 
     Args:
-        report: what is said.
+        report: the report.
         details: whether the details follow, with all findings.
         width: columns.
-        colour: whether the verdict's word is coloured, as a terminal can.
+        colour: whether the verdict's word is coloured for a terminal.
     """
     lines = list(_screen(report, details, width))
     for section in report.details if details else ():
         lines += ["", *folded(section.title, width).splitlines()]
         for part in section.parts:
             lines += _part(part, width, wrap=True)
-    text = "\n".join(one_line(line).rstrip() for line in lines) + "\n"  # what a result file says may hold anything
+    text = "\n".join(one_line(line).rstrip() for line in lines) + "\n"  # texts of a result file may hold anything
     if report.verdict and colour:
         word = report.verdict.word
         text = text.replace(f"RESULT: {word}", f"RESULT: \x1b[1;{COLOURS[report.verdict.kind]}m{word}\x1b[0m", 1)
@@ -221,7 +221,7 @@ def _screen(report: Report, details: bool, width: int) -> Iterator[str]:
 
 
 def with_remedy(finding: Finding) -> str:
-    """Return a finding and what to do."""
+    """Return a finding with its remedy."""
     return f"{finding.text} -> {finding.remedy}" if finding.remedy else finding.text
 
 
@@ -236,8 +236,8 @@ def _part(part: Part, width: int, *, wrap: bool) -> Iterator[str]:
 def table_lines(table: Table, width: int = WIDTH, *, wrap: bool = False) -> Iterator[str]:
     """Yield a table as lines: numbers to the right, words to the left, none wider than the terminal; then its note.
 
-    Columns of words become narrower, the widest first, where a row would be too wide: cells are cut in their middle or,
-    if asked for, continue on further lines. Heads that are wider than their columns are broken.
+    Columns of words shrink, the widest first, if a row is too wide: cells are cut in their middle or, if requested,
+    continue on further lines. Heads wider than their columns are broken.
     """
     if table.caption:
         yield from folded(table.caption, width).splitlines()
@@ -272,7 +272,7 @@ def _total(sizes: Sequence[int]) -> int:
 
 
 def _broken(head: str, size: int, most: int) -> list[str]:
-    """Break a column's head into so many lines at most where that makes it narrower, down to the width of its cells."""
+    """Break a column's head into at most this many lines if that narrows it, down to the width of its cells."""
     words, *unit = head.replace(" [", "\n[").split("\n")
     widths = range(max(size, *map(len, unit), *map(len, words.split()), 1), len(head) + 1)
     broken = ([*textwrap.wrap(words, width, break_long_words=False), *unit] for width in widths)
@@ -326,7 +326,7 @@ def _html_table(table: Table) -> str:
 
 
 def written(cell: Cell, form: str = "") -> str:
-    """Return a cell as it is shown: an undefined number as `-`, `7.16e+05` as `7.16e5`."""
+    """Return a cell as displayed: an undefined number as `-`, `7.16e+05` as `7.16e5`."""
     if isinstance(cell, str):
         return cell
     if cell is None or not math.isfinite(cell):
@@ -344,12 +344,12 @@ def short_power(text: str) -> str:
 
 
 def folded(line: str, width: int = WIDTH, hang: str = "") -> str:
-    """Break a line where it would leave a terminal, but not within what is `kept`.
+    """Break a line at the width of a terminal, but not inside `kept` words.
 
     Args:
-        line: what is said; its indentation stays.
+        line: the text; its indentation stays.
         width: columns.
-        hang: what further lines begin with.
+        hang: beginning of further lines.
     """
     if len(line) <= width:
         return line.replace(KEPT, " ")
@@ -366,7 +366,7 @@ def folded(line: str, width: int = WIDTH, hang: str = "") -> str:
 
 
 def kept(text: str) -> str:
-    """Return words between which `folded` breaks no line."""
+    """Return words that `folded` keeps on one line."""
     return text.replace(" ", KEPT)
 
 

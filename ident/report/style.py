@@ -1,6 +1,6 @@
-"""How ident's figures look: colours, rows, headings, ticks.
+"""Style of ident's figures: colours, rows, headings, ticks.
 
-Texts from files are drawn as they are: a `$` in a name is no formula (`parse_math=False`).
+Texts from files are drawn literally: a `$` in a name is no formula (`parse_math=False`).
 """
 
 import math
@@ -24,7 +24,7 @@ BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 """Colours that a colour-blind reader tells apart (Okabe and Ito, 2002)."""
 GREY, PALE, PALE_BLUE = "#555555", "#B8C4CE", "#A8D0E8"
 NEAR = 0.5
-"""Share of a limit that what is drawn must reach for the limit to be drawn; elsewhere it would flatten the curves."""
+"""Share of a limit that the data must reach for the limit to be drawn; elsewhere it would flatten the curves."""
 
 Style = Mapping[str, Any]
 NAME_STYLES: dict[str, Style] = {
@@ -33,13 +33,13 @@ NAME_STYLES: dict[str, Style] = {
     "lateral bending": {"color": GREEN, "marker": "^"},
     "vertical torsion": {"color": PINK, "marker": "D"},
 }
-"""Look of a mode, by the first two words of its name."""
+"""Style of a mode, by the first two words of its name."""
 FILLED: Style = {"marker": "o", "color": BLUE, "markersize": 6}
 HOLLOW: Style = {"marker": "o", "color": GREY, "markersize": 6, "markerfacecolor": "white"}
 
 
 def rows(axes: Axes, labels: Sequence[str], *, side: str = "left") -> None:
-    """Make one row for each label, from the top down; the labels stand on the left or the right."""
+    """Make one row for each label, from the top down; labels on the left or the right."""
     axes.set(ylim=(len(labels) - 0.4, -0.6))
     axes.set_yticks(range(len(labels)), labels, parse_math=False, fontsize=8)
     axes.tick_params(axis="y", length=0)
@@ -58,7 +58,7 @@ def titled(
 
 
 def note(axes: Axes, text: str, at: tuple[Any, Any], offset: tuple[float, float] = (0, 0), **more: Any) -> None:
-    """Write small letters at a place, so many points off; `more` is as in `Axes.annotate`."""
+    """Write small letters at a place, offset in points; `more` is as in `Axes.annotate`."""
     style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "color": GREY, "parse_math": False}
     axes.annotate(text, at, xytext=offset, **(style | more))
 
@@ -69,7 +69,7 @@ def colour_of(label: "Label") -> str:
 
 
 def plain(axes: Axes, *, left: bool = True, grid: bool = False) -> None:
-    """Set small letters, leave out lines of the frame that carry no ticks; draw pale horizontal lines where asked."""
+    """Set small letters, remove frame lines without ticks; draw pale horizontal lines if requested."""
     axes.set_axisbelow(True)
     if grid:
         axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
@@ -81,7 +81,7 @@ def plain(axes: Axes, *, left: bool = True, grid: bool = False) -> None:
 
 
 def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: int = 2) -> None:
-    """Put heading and key above the axes, where they hide nothing."""
+    """Put heading and key above the axes, where they cover nothing."""
     handles = lines({label: {"linestyle": "", "solid_capstyle": "butt", **style} for label, style in entries.items()})
     place: Style = {"alignment": "left", "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderpad": 0.2}
     look: Style = {"frameon": False, "fontsize": 8, "handletextpad": 1.0, "columnspacing": 1.6}
@@ -90,12 +90,12 @@ def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: in
 
 
 def lines(entries: Mapping[str, Style]) -> list[Line2D]:
-    """Return what a key shows, as lines or marks, by label."""
+    """Return the entries of a key, as lines or marks, by label."""
     return [Line2D([], [], label=label, **style) for label, style in entries.items()]
 
 
 def key_below(figure: Figure, handles: Sequence[Artist], note: str, *, columns: int = 4, left: bool = False) -> Text:
-    """Explain lines and bands below the panels, where they hide nothing, under a note, which is returned."""
+    """Explain lines and bands below the panels, where they cover nothing, under a note, which is returned."""
     side = "left" if left else "center"
     look: Style = {"loc": f"outside lower {side}", "alignment": side, "frameon": False, "fontsize": 9}
     key = figure.legend(handles=handles, title=note, ncols=columns, **look)
@@ -105,13 +105,13 @@ def key_below(figure: Figure, handles: Sequence[Artist], note: str, *, columns: 
 
 
 def as_written(texts: Iterable[Text]) -> None:
-    """Take no `$` in texts for a formula."""
+    """Turn off formulas in texts, so that `$` stays literal."""
     for text in texts:
         text.set_parse_math(False)
 
 
 def colour_bar(figure: Figure, axes: Axes, drawn: Any, label: str, **more: Any) -> Colorbar:
-    """Explain the colours of what is drawn by a bar beside the axes; `more` is as in `Figure.colorbar`."""
+    """Explain the colours of an artist by a bar next to the axes; `more` is as in `Figure.colorbar`."""
     bar = figure.colorbar(drawn, ax=axes, pad=0.02, **more)
     bar.set_label(label, fontsize=9)
     bar.ax.tick_params(labelsize=8)
@@ -119,14 +119,14 @@ def colour_bar(figure: Figure, axes: Axes, drawn: Any, label: str, **more: Any) 
 
 
 def set_ticks(axis: Axis, locator: Locator, text: Callable[[float], str]) -> None:
-    """Put ticks where a locator has them, none between, each with its text."""
+    """Put ticks at a locator's positions, without minor ticks, each with its text."""
     axis.set_major_locator(locator)
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda x, _: text(x)))
 
 
 def ratio_axis(axes: Axes, left: float, right: float) -> None:
-    """Make the x axis a logarithmic one of ratios with plain numbers as ticks, however narrow it is."""
+    """Make the x axis a logarithmic one of ratios with plain numbers as ticks, even if it is narrow."""
     axes.set_xscale("log")
     axes.set(xlim=(left, right))
     steps = (1.0, 2.0, 5.0) if right / left < 1e3 else (1.0,)
@@ -136,7 +136,7 @@ def ratio_axis(axes: Axes, left: float, right: float) -> None:
 
 
 def power_of(size: float, unit: str) -> tuple[float, str]:
-    """Return the power of a thousand in which numbers of a size are read, and the unit with it, as `10⁶ N mm/deg`."""
+    """Return the power of a thousand for numbers of a size, and the unit with it, as `10⁶ N mm/deg`."""
     power = 3 * math.floor(math.log10(size) / 3)
     if -3 <= power <= 3:
         return 1.0, unit

@@ -23,25 +23,25 @@ if TYPE_CHECKING:
     from ident.inference.parameters import Parameter
 
 # -------- Units
-# How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`.
+# Display units of numbers. The units of the arm's numbers: `ident.arm.fields`.
 
 READ_UNITS = {"Hz": (1.0, "Hz"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
-"""Units in which what was measured is read, and how many there are in the SI unit; ratios are read in percent."""
+"""Display units of measured values: number per SI unit, and unit; ratios are displayed in percent."""
 TRACE_UNITS = {"displacement": (1e3, "mm"), "velocity": (1e3, "mm/s"), "acceleration": (1.0, "m/s^2")}
-"""Unit in which each kind of trace is reported, and how many there are in the SI unit."""
+"""Display unit of each kind of trace: number per SI unit, and unit."""
 TURN = ".turn."
-"""What tells how a setup's frame is turned from where it is."""
+"""Part of the path of a measurement frame's rotation."""
 MM = 1e3
 """mm in a metre."""
 
 
 def arc_seconds(amplitude: float) -> float:
-    """Return an amplitude of a transmission error [rad] as catalogues have it: peak to peak [arc seconds]."""
+    """Return an amplitude of a transmission error [rad] as in catalogues: peak to peak [arc seconds]."""
     return 2 * math.degrees(amplitude) * 3600
 
 
 def in_read_unit(kind: str, value: float) -> tuple[float, str]:
-    """Return a measured or predicted SI value in the unit that its kind is read in, and the unit."""
+    """Return a measured or predicted SI value in the display unit of its kind, and the unit."""
     if kind == "shape":
         return value, ""
     factor, unit = READ_UNITS.get(QUANTITIES[MEASURED[kind]].si, (100.0, "%"))
@@ -65,16 +65,16 @@ def is_stiffness(path: str) -> bool:
 
 
 def is_length(path: str) -> bool:
-    """Tell whether a path names a length, which people read in mm."""
+    """Whether a path names a length, which is displayed in mm."""
     field = field_of(path)
     own = (path.startswith(SETUP) or is_of_loop(path)) and unit_of(path) == "m"
     return own or (field is not None and field.read_unit == "mm")
 
 
 def read_unit(path: str) -> tuple[float, str]:
-    """Return the size in SI units of the unit that people read a parameter in, and the unit.
+    """Return the size of a parameter's display unit in SI, and the unit.
 
-    Of a stiffness it is the one that was chosen, see `ident.units.stiffness_in`.
+    For a stiffness it is the chosen unit, see `ident.units.stiffness_in`.
     """
     field = field_of(path)
     if is_stiffness(path):
@@ -87,7 +87,7 @@ def read_unit(path: str) -> tuple[float, str]:
 
 
 def in_shown_unit(path: str, value: float) -> tuple[float, str]:
-    """Return a value and its unit: of a stiffness in the one that was chosen, else in SI, as it is given."""
+    """Return a value and its unit: for a stiffness in the chosen unit, else in SI, as given."""
     if not is_stiffness(path):
         return value, unit_of(path)
     size, unit = stiffness_unit()
@@ -95,7 +95,7 @@ def in_shown_unit(path: str, value: float) -> tuple[float, str]:
 
 
 def shared_unit(paths: Iterable[str]) -> str:
-    """Return the unit in which all of these are shown, as ` [N m/rad]`; nothing where they have several."""
+    """Return the common display unit of paths, as ` [N m/rad]`; empty if they have several."""
     units = {in_shown_unit(path, 1.0)[1] for path in paths}
     return f" [{units.pop()}]" if len(units) == 1 else ""
 
@@ -109,11 +109,11 @@ def value_in_words(path: str, value: float) -> str:
 # -------- Words
 
 LARGEST = 1e6
-"""Factor above which it is only said to be above."""
+"""Factor above which no number is printed."""
 MOST_ROWS = 3
-"""Rows, or numbers, that a warning names, at most."""
+"""Rows, or numbers, named in a warning at most."""
 NOTABLE = 0.15
-"""Weight below which a parameter is left out when a direction is put into a few words."""
+"""Weight below which a short name of a parameter combination leaves a parameter out."""
 
 
 def degrees(posture: Iterable[float]) -> str:
@@ -122,33 +122,33 @@ def degrees(posture: Iterable[float]) -> str:
 
 
 def scatter(sd: float) -> str:
-    """Write the standard deviation of a logarithm: `2.1 %` or, where it is large, `factor 1.9`."""
+    """Write the standard deviation of a logarithm: `2.1 %` or, if large, `factor 1.9`."""
     return percent(sd) if sd < 0.3 else f"factor {as_factor(sd)}"
 
 
 def as_factor(log: float, digits: int = 2) -> str:
-    """Write a logarithm as the factor it is; what nothing bounds is more than any that means something."""
+    """Write a logarithm as its factor; above `LARGEST` only as `over` that."""
     return f"{math.exp(log):.{digits}g}" if log < math.log(LARGEST) else f"over {LARGEST:g}"
 
 
 def three_digits(number: float) -> str:
-    """Write a number with three digits, zeros among them: `17.0`, `184`."""
+    """Write a number with three digits, including zeros: `17.0`, `184`."""
     return f"{number:#.3g}".removesuffix(".")
 
 
 def rounded(number: float, digits: int = 2) -> str:
-    """Write a number with so many digits, and no power of ten: `0.71`, `120`."""
+    """Write a number with a given number of digits, without a power of ten: `0.71`, `120`."""
     return f"{float(f'{number:.{digits}g}'):.10g}"
 
 
 def beside(number: float, limit: float) -> str:
-    """Write a number with two digits, or with as many as tell on which side of a limit it lies: `0.71`, `0.4987`."""
+    """Write a number with two digits, or with as many as show its side of a limit: `0.71`, `0.4987`."""
     written = (rounded(number, digits) for digits in range(2, 9))
     return next((text for text in written if np.sign(float(text) - limit) == np.sign(number - limit)), f"{number:.10g}")
 
 
 def percent(share: float, sign: str = "") -> str:
-    """Write a share with two digits, and no power of ten where it is large: `8.6 %`, `112 %`."""
+    """Write a share with two digits, without a power of ten: `8.6 %`, `112 %`."""
     return f"{100 * share:{sign}.0f} %" if abs(share) > 0.994 else f"{100 * share:{sign}.2g} %"
 
 
@@ -158,9 +158,9 @@ def span(low: float, high: float) -> str:
 
 
 def main_factors(direction: "Direction", spread: Float[np.ndarray, "P"]) -> list[int]:
-    """Return which parameters take part in a direction, by falling exponent.
+    """Return the parameters that take part in a combination, by falling exponent.
 
-    An exponent may be small and its factor matter all the same, where that parameter is hardly known.
+    A parameter with a small exponent may matter too, if it is poorly known.
 
     Args:
         direction: the combination.
@@ -174,7 +174,7 @@ def main_factors(direction: "Direction", spread: Float[np.ndarray, "P"]) -> list
 
 
 def direction_name(direction: "Direction", names: Sequence[str], spread: Float[np.ndarray, "P"]) -> str:
-    """Name a direction by its main parameters: a product, or a ratio where they are traded against each other."""
+    """Name a combination by its main parameters: a product, or a ratio if they trade off against each other."""
     order = main_factors(direction, spread)
     first, *others = (i for i in order[:2] if abs(direction.weights[i]) > NOTABLE)
     signs = [" / " if direction.weights[i] * direction.weights[first] < 0 else " · " for i in others]
@@ -183,7 +183,7 @@ def direction_name(direction: "Direction", names: Sequence[str], spread: Float[n
 
 
 def short(m: Measurement) -> str:
-    """Say in a few words what was measured, with its value."""
+    """Describe a measurement in a few words, with its value."""
     value, unit = in_read_unit(m.kind, m.value)
     what = f"{_what(m)}: " if _what(m) else ""
     loads = (f", {m.load}" if m.load else "") + _held(m)
@@ -193,7 +193,7 @@ def short(m: Measurement) -> str:
 
 
 def describe(m: Measurement) -> str:
-    """Say in a few words what was measured, without its value."""
+    """Describe a measurement in a few words, without its value."""
     what = f"{m.of or ''} {_what(m)} {m.kind.replace('_', ' ')}"
     loads = f", {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES and m.reference_load else ""
@@ -203,7 +203,7 @@ def describe(m: Measurement) -> str:
 
 
 def place_read(m: Measurement) -> str:
-    """Say in a few words what a ramp read, and where: whatever the load was."""
+    """Describe the reading of a ramp and its place in a few words, for any load."""
     along = f" {format_direction(m.direction)}" if m.direction else ""
     setup, repeat = (f", {word}" if word else "" for word in (m.setup, m.repeat))
     return f"{m.kind.replace('_', ' ')} {_what(m)}{along}{_held(m)} at {degrees(m.posture)}{setup}{repeat}"
@@ -217,7 +217,7 @@ def _what(m: Measurement) -> str:
 
 
 def _held(m: Measurement) -> str:
-    """Say what held the motors, where it was no brake."""
+    """Say what held the motors, unless it was a brake."""
     return "" if m.drives == DRIVE_STATES[0] else f", {m.drives} on"
 
 
@@ -253,13 +253,13 @@ def lowered(words: str) -> str:
 
 
 def some(names: Sequence[str], most: int = MOST_ROWS) -> str:
-    """Name the first of several: `a, b, c and 2 more`."""
+    """Name the first few: `a, b, c and 2 more`."""
     more = len(names) - most
     return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def shares(known: "Information", i: int) -> tuple[float | None, float | None, float | None]:
-    """Return the shares of what is known of a parameter: from the data alone, its own prior, data with other priors."""
+    """Return shares of the information on a parameter: from the data alone, its own prior, data with other priors."""
     if not math.isfinite(known.sd[i]):
         return None, None, None
     data, prior = (abs(round(float(share[i]), 2)) for share in (known.data_share, known.prior_share))
@@ -267,14 +267,14 @@ def shares(known: "Information", i: int) -> tuple[float | None, float | None, fl
 
 
 def in_percent(share: float) -> str:
-    """Write a relative difference, `-3.7 %`; where it is no small one, what the value is multiplied by, `35 times`."""
+    """Write a relative difference, `-3.7 %`; if large, the factor of the value, `35 times`."""
     if not -0.95 < share < 9.995:
         return f"{1 + share:.2g} times"
     return percent(share, "+")
 
 
 def by_key(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
-    """Return what belongs to each key, in the order of the pairs."""
+    """Group values by key, in the order of the pairs."""
     together = dict[Any, list[Any]]()
     for key, value in pairs:
         together.setdefault(key, []).append(value)
@@ -282,7 +282,7 @@ def by_key(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
 
 
 def priors_in_words(items: Sequence["Parameter"]) -> Iterator[str]:
-    """Say which priors there are, one line for all parameters that share a form."""
+    """Yield the priors, one line for all parameters that share a form."""
     forms = by_key((_prior(item), item.name) for item in items)
     for form, names in forms.items():
         yield f"Prior: {form}." if len(forms) == 1 else f"Prior: {form}: {', '.join(names)}."
@@ -305,19 +305,19 @@ def _prior(item: "Parameter") -> str:
 
 
 def size_in_words(item: "Parameter", theta: float, sign: str = "") -> str:
-    """Write a change of theta of a number of either sign in the unit that people read it in: `6.4 mm`."""
+    """Write a change of theta of a signed number in its display unit: `6.4 mm`."""
     size, unit = read_unit(item.name)
     return f"{theta * float(item.scale) / size:{sign}.2g} {unit}"
 
 
 def with_tied(item: "Parameter") -> str:
-    """Name a parameter with what is tied to it: the other one, or how many they are."""
+    """Name a parameter with its tied ones: the other one, or their number."""
     name, others = item.name, item.paths[1:]
     return f"{name} ({len(others) + 1} tied)" if others[1:] else f"{name} (and {others[0]})" if others else name
 
 
 def parameter_in_words(item: "Parameter") -> str:
-    """Name a parameter in physical words: `torsion of joint2`; as it is called, if it is none of an arm's."""
+    """Name a parameter in physical words: `torsion of joint2`; by its own name, if it is not one of an arm's."""
     part, _, rest = item.name.partition(".")
     if part == "discrepancy":
         return f"model factor of every {rest.replace('_', ' ')}"
@@ -327,9 +327,9 @@ def parameter_in_words(item: "Parameter") -> str:
 
 
 def balance(weights: Sequence[float], items: Sequence["Parameter"], least: float = NOTABLE) -> str:
-    """Say which parameters a direction sets against each other: `torsion of joint2 against torsion of joint3`.
+    """Name the parameters that trade off in a combination: `torsion of joint2 against torsion of joint3`.
 
-    Those of a weight below `least`, relative to the largest, are left out.
+    Parameters of a weight below `least`, relative to the largest, are left out.
     """
     lead = max(weights, key=abs)
     order = [i for i in np.argsort(-np.abs(weights)) if abs(weights[i] / lead) > least]
@@ -341,11 +341,11 @@ def balance(weights: Sequence[float], items: Sequence["Parameter"], least: float
 
 
 # -------- Directions
-# Combinations of parameters in words: how well each is known, and what may change unnoticed.
+# Parameter combinations in words: how well each is known, and unnoticed changes.
 
 
 def what_is_fixed(fit: "Fit") -> Section:
-    """Return which combinations the data determine, best known first, and how well; no width for a fit in doubt."""
+    """Return the combinations that the data determine, best known first, with their widths; none for a fit in doubt."""
     known, items = fit.information, fit.problem.parameters.items
     rows = []
     for direction in fit.combinations:
@@ -358,7 +358,7 @@ def what_is_fixed(fit: "Fit") -> Section:
 
 
 def what_is_open(known: "Information", items: tuple["Parameter", ...]) -> Section | None:
-    """Return what else may change unnoticed, for each combination that the data do not determine; maybe nothing."""
+    """Return the changes along each undetermined combination that the data do not notice; maybe nothing."""
     trades = known.trade_offs()
     if not trades:
         return None
@@ -368,12 +368,12 @@ def what_is_open(known: "Information", items: tuple["Parameter", ...]) -> Sectio
 
 
 def product(direction: "Direction", items: tuple["Parameter", ...], spread: Float[np.ndarray, "P"]) -> str:
-    """Write a direction as a product of powers of parameters; one of either sign enters as its exponential.
+    """Write a combination as a product of powers of parameters; a signed one enters as its exponential.
 
     Args:
         direction: the combination.
         items: the parameters.
-        spread: (P,) standard deviation of each theta: a factor is shown where its exponent times that matters.
+        spread: (P,) standard deviation of each theta: a factor is shown if its exponent times this matters.
     """
     units = [f"{float(item.scale):g} {unit_of(item.name)}" for item in items]
     factors = [item.name if item.positive else f"exp({item.name} / {x})" for item, x in zip(items, units, strict=True)]
@@ -388,7 +388,7 @@ def product(direction: "Direction", items: tuple["Parameter", ...], spread: Floa
 
 
 def in_words(trade: "TradeOff", items: tuple["Parameter", ...]) -> str:
-    """Say what else changes unnoticed when one parameter rises by 10 %, or by a tenth of its scale."""
+    """Write the changes that go unnoticed when one parameter rises by 10 %, or by a tenth of its scale."""
     step = math.log(1.1)
     moved = [
         _change(item, change * step)

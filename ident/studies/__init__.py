@@ -1,4 +1,4 @@
-"""What ident can do: a study is a file in the folder of its step, beside the file of its report."""
+"""The studies of ident: a study is a file in the folder of its step, next to the file of its report."""
 
 from importlib import import_module
 from pathlib import Path
@@ -6,13 +6,13 @@ from pkgutil import iter_modules
 from types import ModuleType
 
 STEPS = ("look", "measuring", "stiffness", "working", "cause", "cure")
-"""The way of a user. A step may use those that `tests/test_imports.py` names."""
+"""The steps of a user's way. `tests/test_imports.py` lists which steps each may use."""
 UNSAVED = ("explore", "export", "show")
-"""Studies that write no result which can be loaded again."""
+"""Studies without a result file that can be loaded again."""
 
 
 def _found() -> dict[str, str]:
-    """Return the module of each study, by the names of files alone: `motion.py` beside `motion_report.py`."""
+    """Return the module of each study, from file names alone: `motion.py` next to `motion_report.py`."""
     folder, modules = Path(__file__).parent, dict[str, str]()
     for step in STEPS:
         names = {module.name for module in iter_modules([str(folder / step)])}

@@ -1,4 +1,4 @@
-"""What was simulated and what that rests on: motion, values taken over or set, and assumed numbers."""
+"""The basis of a simulation in words: motion, fitted and set values, assumed numbers."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ident.vibrate.fast import Passage
 
 GUESSED = ("assumed", "calibrated")
-"""Origins of numbers that were not measured: assumed, or set so that a result comes out."""
+"""Origins of numbers that were not measured: assumed, or tuned to a result."""
 PARTS = {
     "Drive": "drives",
     "ErrorOrder": "further transmission errors",
@@ -35,10 +35,10 @@ def subject(basis: "Basis") -> str:
 
 
 def same_motion(basis: "Basis") -> str:
-    """Return the options with which another command takes the same motion, load and values; each after a space."""
+    """Return the options for the same motion, load and values in another command; each after a space."""
     values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
     words = [f"{option} {as_word(given.path)}" for option, given in values if given and given.path]
-    if basis.percent != (100.0 if basis.log else 10.0):  # what it is without `--speed`
+    if basis.percent != (100.0 if basis.log else 10.0):  # the default without `--speed`
         words.append(f"--speed {basis.percent:g}")
     words += ["--retract"] * (not basis.log and basis.motion.name.startswith("retraction"))
     words += [f"--load {as_word(str(basis.load))}"] * bool(basis.load)
@@ -48,15 +48,15 @@ def same_motion(basis: "Basis") -> str:
 def motion_section(
     basis: "Basis", *, elastic_belts: bool, rate: float, method: str, more: Sequence[str] = (), varied: bool = False
 ) -> Section:
-    """Return what was simulated, how, and with which values.
+    """Return the section on motion, method and values of a simulation.
 
     Args:
         basis: arm, motion and values.
         elastic_belts: whether belts stretch.
-        rate: samples a second.
+        rate: sampling rate [Hz].
         method: of simulation, in words.
         more: further sentences about the motion.
-        varied: whether numbers are varied, those of the draws with them.
+        varied: whether numbers are varied, including those of the draws.
     """
     motion, belts = basis.motion, ("elastic" if elastic_belts else "rigid") if basis.arm.belts else "none"
     start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9).tolist()) for i in (0, -1))
@@ -75,7 +75,7 @@ def motion_section(
 
 
 def _excitation(basis: "Basis", *, varied: bool) -> Iterator[str]:
-    """Say what is unknown of the excitation, and what the draws have."""
+    """Yield the unknowns of the excitation, and the content of the draws."""
     for low, high in sorted(set(basis.unknown.errors.values())):
         ends = " to ".join(f"{arc_seconds(end):g}" for end in (low, high))
         yield f"Transmission error: {ends} arc seconds peak to peak, twice a turn; the nominal arm has the largest."
@@ -88,7 +88,7 @@ def _excitation(basis: "Basis", *, varied: bool) -> Iterator[str]:
 
 
 def basis_findings(basis: "Basis") -> Iterator[Finding]:
-    """Yield what casts doubt on a simulation: an arm without drives, belts that do not fit, contradicting values."""
+    """Yield doubts about a simulation: an arm without drives, wrong belts, contradictory values."""
     if not basis.arm.drives:
         yield Finding("the arm file has no [[drive]]: only the motion itself excites the arm", "add its drives")
     yield from (Finding(str(mismatch)) for mismatch in belt_mismatches(basis.arm))
@@ -110,7 +110,7 @@ def assumption_findings(basis: "Basis") -> Iterator[Finding]:
 
 
 def transmission_finding(basis: "Basis") -> Iterator[Finding]:
-    """Yield what the drives' transmission errors do to the arm at rest, or that they are taken to have none."""
+    """Yield the effect of the drives' transmission errors on the arm at rest, or that none are assumed."""
     if without_transmission_error(basis):
         yield Finding("transmission error is set to 0, real drives have some", "try --errors 30:60 (arc seconds)")
     elif words := gear_words(basis):
@@ -118,7 +118,7 @@ def transmission_finding(basis: "Basis") -> Iterator[Finding]:
 
 
 def gear_words(basis: "Basis") -> str:
-    """Say how far transmission errors move the end at any speed, which is no vibration; empty without any."""
+    """Say how far transmission errors move the end at any speed, apart from vibration; empty without any."""
     paths = [each.amplitude for each in exciting_orders(basis.arm) if each.of_error]
     if not paths:
         return ""
@@ -129,19 +129,19 @@ def gear_words(basis: "Basis") -> str:
 
 
 def all_findings(basis: "Basis") -> Iterator[Finding]:
-    """Yield all that bears on a simulated amplitude."""
+    """Yield all findings that affect a simulated amplitude."""
     yield from basis_findings(basis)
     yield from assumption_findings(basis)
     yield from transmission_finding(basis)
 
 
 def without_transmission_error(basis: "Basis") -> bool:
-    """Tell whether there are drives, and none has a transmission error."""
+    """Whether there are drives, but none with a transmission error."""
     return bool(basis.arm.drives) and not has_transmission_error(basis.arm)
 
 
 def values_in_words(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
-    """Say which numbers an arm has taken over."""
+    """Yield the numbers that an arm takes from results."""
     yield from _taken_over(fit, posterior)
     yield from (f"REMARK: {values.remark}" for values in (fit, posterior) if values and values.remark)
     if outside := _outside(fit, posterior):
@@ -149,14 +149,14 @@ def values_in_words(fit: "Values | None", posterior: "Values | None") -> Iterato
 
 
 def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
-    """Say which numbers were set, in one line."""
+    """Yield the set numbers, in one line."""
     if changed:
         each = (f"{path} = {value:g} {unit_of(path)}".rstrip(" -") for path, value in changed.items())
         yield f"set: {', '.join(each)}"
 
 
 def _taken_over(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
-    """Say which values were taken over, and from which files."""
+    """Yield the values from results, and their files."""
     for values, what in ((fit, "fitted values"), (posterior, "draws of the posterior")):
         if values is None:
             continue
@@ -179,7 +179,7 @@ def _outside(fit: "Values | None", posterior: "Values | None") -> tuple[str, ...
 def assumed(basis: "Basis") -> tuple[list[str], int]:
     """Return the assumed or calibrated numbers of drives, belts and stroke, and how many such numbers there are.
 
-    Left out are numbers that were identified or set, and the stroke where a log is replayed.
+    Identified or set numbers are left out, and the stroke if a log is replayed.
     """
     counting = [name for name in _kinds(basis) if not (basis.log and name == "stroke")]
     own = basis.origins
@@ -189,7 +189,7 @@ def assumed(basis: "Basis") -> tuple[list[str], int]:
 
 
 def assumed_section(basis: "Basis") -> Iterator[Section]:
-    """Yield which numbers of the excitation are assumed or calibrated, where any are."""
+    """Yield the assumed or calibrated numbers of the excitation, if any."""
     names, count = assumed(basis)
     if not names:
         return
@@ -204,12 +204,12 @@ def assumed_section(basis: "Basis") -> Iterator[Section]:
 
 
 def _kinds(basis: "Basis") -> dict[str, str]:
-    """Return what each drive, belt, servo, spring or stroke is called together with others of its kind."""
+    """Return the group name of each drive, belt, servo, spring or stroke."""
     return {part.name: PARTS[kind] for part in basis.arm.parts() if (kind := type(part).__name__) in PARTS}
 
 
 def _fields(basis: "Basis", names: Sequence[str]) -> dict[str, dict[str, None]]:
-    """Return what is named of drives, belts and stroke, by kind: `{"drives": {"ratio": None, ...}, ...}`."""
+    """Return the named fields of drives, belts and stroke, by kind: `{"drives": {"ratio": None, ...}, ...}`."""
     kinds = _kinds(basis)
     fields: dict[str, dict[str, None]] = {}
     for path in names:
@@ -219,11 +219,11 @@ def _fields(basis: "Basis", names: Sequence[str]) -> dict[str, dict[str, None]]:
 
 
 # -------- Springs
-# Curved springs in words: what a campaign can tell of them, and where vibration passes T1.
+# Curved springs in words: what a campaign can determine about them, and where vibration passes T1.
 
 
 def passage_findings(passages: Sequence["Passage"]) -> Iterator[Finding]:
-    """Yield which springs change their stiffness within a motion, as their load passes T1."""
+    """Yield the springs that change their stiffness within a motion, as their load passes T1."""
     for each in passages:
         yield Finding(
             f"the load of {each.spring} passes T1 = {each.torque1:.3g} N m (from {each.low:.3g} to {each.high:.3g} "
@@ -232,5 +232,5 @@ def passage_findings(passages: Sequence["Passage"]) -> Iterator[Finding]:
 
 
 def motion_title(what: str, basis: "Basis") -> str:
-    """Return what a figure shows, of which arm and motion."""
+    """Return the title of a figure of an arm and its motion."""
     return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"

@@ -1,4 +1,4 @@
-"""The one door of the studies: what a user gives becomes values once, by the name of the parameter."""
+"""The one door of the studies: inputs of a user become values once, by parameter name."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from ident.measure import Trace
 
 R = TypeVar("R")
-"""What a study returns."""
+"""Result of a study."""
 DEFAULT: Any = None
 """Stands for the default options of a study."""
 
 
 class Input(NamedTuple):
-    """What a study takes under a name.
+    """An input of studies.
 
     Attributes:
-        value: type of what the study gets, as it annotates the parameter.
-        given: type of what a user may give, as `help` shows it.
-        read: makes the one of the other, and of the inputs that have been read before, `options` and `arm` among them.
+        value: type that the study receives, its annotation of the parameter.
+        given: type that a user may give, as `help` shows it.
+        read: converts the input, given the inputs that were read before, `options` and `arm` among them.
     """
 
     value: str
@@ -66,14 +66,14 @@ INPUTS = {
 
 
 def study(function: Callable[..., R]) -> Callable[..., R]:
-    """Make a study of a function of values: users may give files and results, and options as keywords, too.
+    """Make a study from a function of values: users may also give files and results, and options as keywords.
 
-    A parameter of `INPUTS` that the function annotates with the value's type is read; another type it reads itself.
-    Keywords as in `fit(arm, campaign, fix="*.k_bend")` are put into the options that are given, or into the default
-    ones. What `help` shows is what may be given.
+    A parameter of `INPUTS` is read if the function annotates it with the value's type; others are passed on unread.
+    Keywords as in `fit(arm, campaign, fix="*.k_bend")` update the given or the default options. `help` shows the types
+    that users may give.
 
     Raises:
-        InputError: a keyword that is no option of the study, or an input that can't be read.
+        InputError: a keyword that is no option of the study, or an unreadable input.
     """
     own = inspect.signature(function)
     kind: type[UnitOptions] = own.parameters["options"].annotation

@@ -1,4 +1,4 @@
-"""What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
+"""Shared by the studies that move an arm: options of the motion, and the basis of a simulation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), o
 SLOWEST = 1e-3
 """Lowest speed [%]."""
 PHASES = ("unknown", "file")
-"""What is taken for the phases of the rotating unbalance."""
+"""Choices for the phases of the rotating unbalance."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MovingOptions(ArmOptions):
-    """What the arm carries out, under which load, with which numbers changed."""
+    """The motion of the arm, its load, and its changed numbers."""
 
     speed: float | None = option(
         None, "percent of full speed, default 10; with --path of its own speed, default 100", above=0.0, high=1000.0
@@ -42,7 +42,7 @@ class MovingOptions(ArmOptions):
 
     @property
     def hold(self) -> float:
-        """Time that the arm is held at the end [s]: the option `dwell`, of a study that has it."""
+        """Dwell at the end [s]: the option `dwell`, in studies that have it."""
         dwell: float = getattr(self, "dwell", 0.0)
         return dwell
 
@@ -53,7 +53,7 @@ class MovingOptions(ArmOptions):
         return [*super().problems(), *([problem] if slow else [])]
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
-        """Return the arm, and what is unknown of its excitation, as far as it matters."""
+        """Return the arm, and the relevant unknowns of its excitation."""
         from ident.studies.scenario import Unknowns
 
         return arm, Unknowns()
@@ -61,7 +61,7 @@ class MovingOptions(ArmOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class HeldMotionOptions(MovingOptions):
-    """The same, and how long the arm is held at the end."""
+    """The same, and the dwell at the end."""
 
     dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     phases: str = option(
@@ -77,7 +77,7 @@ class HeldMotionOptions(MovingOptions):
     )
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
-        """Return the arm with the largest transmission errors, and what is unknown of its excitation."""
+        """Return the arm with the largest transmission errors, and the unknowns of its excitation."""
         from ident.studies.scenario import unknowns
 
         return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")
@@ -91,14 +91,14 @@ def basis_of(
     fit: "Values | None" = None,
     posterior: "Values | None" = None,
 ) -> "Basis":
-    """Return what a simulation rests on: the arm with the values that it takes over, and its motion.
+    """Return the basis of a simulation: the arm with its fitted values, and its motion.
 
     Args:
         arm: the arm.
-        options: the motion, the load and what is set.
+        options: the motion, the load and the set numbers.
         path: a joint path to follow instead of the stroke.
-        fit: fitted values that the arm takes over.
-        posterior: draws; the arm takes over their medians, unless it has fitted values.
+        fit: fitted values for the arm.
+        posterior: draws; the arm takes their medians, unless it has fitted values.
     """
     from ident.measure import Load
     from ident.studies.scenario import IDENTIFIED, Basis
@@ -139,7 +139,7 @@ def _motion(arm: "Arm", options: MovingOptions, log: "Log | None") -> "tuple[Mot
 
 
 def _check(options: MovingOptions, replayed: bool) -> None:
-    """Refuse options that do not go together."""
+    """Refuse contradictory options."""
     if replayed and (options.profile or options.retract):
         name = "profile" if options.profile else "retract"
         raise refusal(name, "it beside `path`", "one of them", "it shapes the stroke: drop one")
@@ -148,7 +148,7 @@ def _check(options: MovingOptions, replayed: bool) -> None:
 
 
 def _name(arm: "Arm", options: MovingOptions, log: "Log | None", percent: float) -> str:
-    """Return what a motion's files are called: motion, percent."""
+    """Return the base name of a motion's files: motion, percent."""
     if log is not None:
         return f"{Path(log.path).stem}{'' if options.speed is None else f'-{options.speed:g}'}"
     own = arm.stroke.profile if arm.stroke else None

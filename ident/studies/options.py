@@ -1,6 +1,6 @@
-"""Options of a study as a value: each with its help, unit and range, said once.
+"""Options of a study as a value: each with its help, unit and range in one place.
 
-What `ident --help` says and what the command line refuses follow from these, and so does what Python refuses.
+Both `ident --help` and the checks of command line and Python follow from these.
 """
 
 import math
@@ -17,9 +17,9 @@ from ident.text import did_you_mean
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force", "posture")
 """Inputs of studies that the command line takes as flags, too."""
 GONE = ("batch", "revolutions")
-"""Options of earlier versions that recorded ones may have."""
+"""Options of earlier versions that a record may contain."""
 ADDRESSES = ("dask",)
-"""Options that connect: the command line and Python give them, no file does."""
+"""Connection options: given by the command line and Python, never by a file."""
 WORDS: dict[Any, tuple[type, str]] = {
     bool: (bool, "True or False"),
     int: (Integral, "a whole number"),
@@ -28,25 +28,25 @@ WORDS: dict[Any, tuple[type, str]] = {
     tuple: (tuple | list, "several values, as (one,) or (one, two)"),  # type: ignore[dict-item]
     dict: (Mapping, "a mapping, as {name: value}"),
 }
-"""What a value of each type of option is, and how that is said."""
+"""Accepted types for each type of option, and their description."""
 
 
 @dataclass(frozen=True)
 class Spec:
-    """What an option is.
+    """Description of an option.
 
     Attributes:
         help: one clause, with the unit in brackets.
-        low: least value that is allowed.
+        low: least allowed value.
         above: value that it must exceed.
-        high: value that it may reach at most: of a number of repetitions, what an hour and the memory are enough for.
-        choices: words that it must be one of.
+        high: largest allowed value: for a number of repetitions, what an hour and the memory can hold.
+        choices: allowed words.
         flag: name on the command line; by default the option's own.
         short: one letter with a dash, as a further name.
-        argument: what the library calls it, where its complaints use another name.
+        argument: the library's name for it, where error messages use another name.
         repeated: whether the flag may be given several times.
-        read: makes the value out of the flag's text, or of all its texts; the flag's name is for errors.
-        text: the default as it would be written, for what is read from text.
+        read: converts the flag's text, or all its texts, to the value; the flag's name is for errors.
+        text: the default as text, for options that are read from text.
     """
 
     help: str
@@ -62,7 +62,7 @@ class Spec:
     read: Callable[[Any, str], Any] | None = None
 
     def problem(self, value: Any) -> str:
-        """Say what would have been right; empty where the value is."""
+        """Say which value would be right; empty if this one is."""
         if self.choices and value not in (*self.choices, None):
             return f"one of {', '.join(self.choices)}"
         if isinstance(value, Real) and not isinstance(value, bool):
@@ -85,7 +85,7 @@ def option(default: Any, help: str, **more: Any) -> Any:
 
 
 def repeated(default: Any, help: str, **more: Any) -> Any:
-    """Return an option whose flag may be given several times; `read` makes the value out of all its texts."""
+    """Return an option whose flag may be given several times; `read` converts all its texts to the value."""
     return option(default, help, repeated=True, **more)
 
 
@@ -96,16 +96,16 @@ def seed_of_draws() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a study; checked when they are made.
+    """Options of a study, checked at construction.
 
     Raises:
-        InputError: a value that is out of its range, with the option's name.
+        InputError: a value out of its range, with the option's name.
     """
 
     refuses: ClassVar[tuple[str, ...]] = ()
-    """Options that the study does not know of, though those that it shares them with do: help does not offer them."""
+    """Shared options that this study does not accept: help does not offer them."""
     instead: ClassVar[str] = "leave it out; `ident fit` takes it"
-    """What to do with such an option."""
+    """Remedy for such an option."""
 
     def __post_init__(self) -> None:
         problems = []
@@ -124,17 +124,17 @@ class Options:
 
     @classmethod
     def of(cls, options: "Self | None") -> Self:
-        """Return the options that a study was given, or the default ones.
+        """Return the given options of a study, or the default ones.
 
         Raises:
-            InputError: they are those of another study.
+            InputError: options of another study.
         """
         if isinstance(options, cls | None):
             return options or cls()
         raise refusal("options", f"a {type(options).__name__}", f"{cls.__name__}(...)", "give those")
 
     def problems(self) -> list[Problem]:
-        """Return what this study leaves out, and what does not go together; `where` of each is an option's name."""
+        """Return the contradictory or unsupported options; `where` of each is an option's name."""
         given = [name for name in self.refuses if getattr(self, name)]
         return [Problem(name, "it", f"no `{name}` in this study", self.instead) for name in given]
 
@@ -144,10 +144,10 @@ class Options:
 
     @classmethod
     def restored(cls, recorded: Mapping[str, Any]) -> Self:
-        """Return options as a result file has recorded them; those that came later have their default, as addresses do.
+        """Return options from the record of a result file; newer options and addresses get their default.
 
         Raises:
-            InputError: they are of no such study, or out of their range.
+            InputError: options of no such study, or out of range.
         """
         types = {each.name: each.type for each, _ in specs(cls)}
         own = {name: value for name, value in recorded.items() if name not in (*ADDRESSES, *GONE)}
@@ -167,13 +167,13 @@ def _restored(value: Any, kind: Any) -> Any:
 
 
 def _is_text(value: Any, repeated: bool) -> bool:
-    """Tell whether an option is given as the command line gives it: as a text, or as several where it is repeated."""
+    """Whether an option is given as on the command line: as a text, or as several if it is repeated."""
     several = repeated and isinstance(value, tuple | list) and bool(value)
     return isinstance(value, str) or (several and all(isinstance(each, str) for each in value))
 
 
 def _as_float(value: Any) -> float:
-    """Return a number as a float; a whole one may be larger than any."""
+    """Return a number as a float; an integer may exceed the range of floats."""
     try:
         return float(value)
     except OverflowError:
@@ -181,7 +181,7 @@ def _as_float(value: Any) -> float:
 
 
 def _misfit(value: Any, kind: Any) -> str:
-    """Say what a value should be that is not of its option's type; empty where it is."""
+    """Say which type a value should have, if it has the wrong one; empty if not."""
     kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
     wanted = [WORDS[get_origin(one) or one] for one in kinds if (get_origin(one) or one) in WORDS]
     fits = [type_ for type_, _ in wanted]
@@ -191,20 +191,20 @@ def _misfit(value: Any, kind: Any) -> str:
 
 
 def specs(kind: type[Options]) -> list[tuple[Field[Any], Spec]]:
-    """Return the options of a class in order, each with what it is."""
+    """Return the options of a class in order, each with its description."""
     return [(each, each.metadata["spec"]) for each in fields(kind) if "spec" in each.metadata]
 
 
 def flag_of(each: Field[Any]) -> str:
-    """Return the flag that gives an option on the command line."""
+    """Return the command-line flag of an option."""
     spec: Spec = each.metadata["spec"]
     return spec.flag or f"--{each.name.replace('_', '-')}"
 
 
 def renamed(kind: type[Options], problem: Problem) -> Problem:
-    """Return a complaint that speaks of options, or of `options` in backticks, as one that names the flags.
+    """Return an error message about options, or about `options` in backticks, with the names of the flags.
 
-    What has both a place and a column speaks of a file, whatever the column is called.
+    A message with both a place and a column is about a file, whatever the column's name.
     """
     flags = {each.name: flag_of(each) for each, _ in specs(kind)}
     flags |= {name: f"--{name}" for name in INPUTS} | {"folder": "--out"}
@@ -220,11 +220,11 @@ def renamed(kind: type[Options], problem: Problem) -> Problem:
 
 
 # -------- Words
-# Words that options choose from and that belong to rooms which are too heavy to be imported for `ident --help`.
+# Choices of options from rooms that are too heavy to import for `ident --help`.
 
 STROKE_PROFILES = ("s-curve", "trapezoid", "cycloid", "minimum-jerk")
-"""Those of `ident.arm.parts`."""
+"""The profiles of `ident.arm.parts`."""
 WINDOWS = ("hann", "boxcar", "hamming", "blackmanharris", "flattop")
-"""Those of `ident.vibrate.spectra`."""
+"""The windows of `ident.vibrate.spectra`."""
 MEASURES = ("peak", "rms", "residual")
-"""Those of `ident.vibrate.simulate`."""
+"""The measures of `ident.vibrate.simulate`."""

@@ -1,4 +1,4 @@
-"""How ranges of numbers are given: `PATHS[=LOW:HIGH[:THIRD]]` as text, {"PATHS": (LOW, HIGH, THIRD)} in Python."""
+"""Format of number ranges: `PATHS[=LOW:HIGH[:THIRD]]` as text, {"PATHS": (LOW, HIGH, THIRD)} in Python."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Limits = tuple[float | str, ...]
-"""Nothing, or two bounds, each in SI or as text "0.5x" a multiple of the present value, and perhaps a third number."""
+"""Nothing, or two bounds, each in SI or as text "0.5x", a multiple of the present value, and perhaps a third number."""
 
 
 def ranges(texts: Sequence[str], flag: str) -> dict[str, Limits]:
-    """Read `PATHS[=LOW:HIGH[:THIRD]]`, PATHS being names with = between."""
+    """Read `PATHS[=LOW:HIGH[:THIRD]]`; PATHS are names joined by =."""
     return once(flag, [_split(text, f"{flag} {text}") for text in each_of(texts)])
 
 
 def problems(option: str, given: Mapping[str, Limits], third: str) -> list[Problem]:
-    """Return what is wrong with the ranges of an option, whatever the arm; `third` names the third number."""
+    """Return the errors in the ranges of an option that do not depend on the arm; `third` names the third number."""
     found = []
     for paths, limits in given.items():
         where = _where(option, paths, limits)
@@ -38,7 +38,7 @@ def problems(option: str, given: Mapping[str, Limits], third: str) -> list[Probl
 
 
 def range_of(paths: str, limits: Limits, where: str = "") -> "Range":
-    """Return a range as the arm's own calculations take it."""
+    """Return a range in the form of the arm's own calculations."""
     from ident.vibrate.sweep import Range
 
     third = number(str(limits[2]), where) if len(limits) > 2 else None
@@ -47,7 +47,7 @@ def range_of(paths: str, limits: Limits, where: str = "") -> "Range":
 
 
 def each(option: str, given: Mapping[str, Limits], arm: "Arm", make: "Callable[[Range], T]") -> list[T]:
-    """Return what is made of each range, by default of the torsional stiffness of every joint."""
+    """Return `make` of each range, by default of the torsional stiffness of every joint."""
     made = []
     for paths, limits in (given or {f"{j.name}.k_tors": () for j in arm.joints if j.k_tors is not None}).items():
         with placed(_where(option, paths, limits)):

@@ -1,4 +1,4 @@
-"""How the texts of options are read: numbers, names, and pairs of both."""
+"""Readers of option texts: numbers, names, and pairs of both."""
 
 import math
 import re
@@ -27,22 +27,22 @@ def names(texts: Sequence[str], flag: str) -> tuple[str, ...]:
 
 
 def each_of(texts: Sequence[str], flag: str = "") -> tuple[str, ...]:
-    """Read what is given one by one, or with commas between: a comma before a letter or `*` begins another name."""
+    """Read items given one by one or separated by commas: a comma before a letter or `*` starts another name."""
     return tuple(part.strip() for text in texts for part in re.split(r",(?=\s*[A-Za-z*])", text))
 
 
 def words(text: str, flag: str) -> tuple[str, ...]:
-    """Read words with commas between, in small letters."""
+    """Read words separated by commas, in lower case."""
     return tuple(part.strip().lower() for part in text.split(","))
 
 
 def several(text: str, flag: str) -> tuple[float, ...]:
-    """Read numbers with commas between."""
+    """Read numbers separated by commas."""
     return tuple(number(part, f"{flag} {text}") for part in text.split(","))
 
 
 def ties(texts: Sequence[str], flag: str) -> tuple[tuple[str, ...], ...]:
-    """Read groups of names with = between."""
+    """Read groups of names joined by =."""
     for text in (texts := each_of(texts)):
         if "=" not in text:
             raise refusal(f"{flag} {text}", "one parameter", "two or more with = between", "as a.k_tors=b.k_tors")
@@ -56,18 +56,18 @@ def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
 
 
 def by_name(texts: Sequence[str], flag: str) -> dict[str, float]:
-    """Read NAME=NUMBER, each name once; a number alone, of the empty name, is that of all others."""
+    """Read NAME=NUMBER, each name once; a number alone, under the empty name, applies to all others."""
     parts = [part.strip() for text in texts for part in text.split(",")]
     alone = [("", number(part, f"{flag} {part}")) for part in parts if "=" not in part]
     return once(flag, [*alone, *numbers([part for part in parts if "=" in part], flag).items()])
 
 
 EACH: Any = {"repeated": True, "read": by_name}
-"""How an option is read that may differ between drives, or between joints."""
+"""Reader of an option that may differ between drives, or between joints."""
 
 
 def shares(texts: Sequence[str], flag: str) -> dict[str, float]:
-    """Read NAME=NUMBER, with commas between several, each name once; a number alone is of frequencies."""
+    """Read NAME=NUMBER, several separated by commas, each name once; a number alone is of frequencies."""
     parts = [part.strip() for text in texts for part in text.split(",")]
     return numbers([part if "=" in part else f"frequency={part}" for part in parts], flag)
 
@@ -88,7 +88,7 @@ def widths(texts: Sequence[str], flag: str) -> dict[str, float]:
 
 
 def uncertain(texts: Sequence[str], flag: str) -> dict[str, str]:
-    """Read NAME:WIDTH, WIDTH with its unit, commas between several; each name once."""
+    """Read NAME:WIDTH, WIDTH with its unit, separated by commas; each name once."""
     parts = [(text, *each.strip().partition(":")[::2]) for text in texts for each in text.split(",")]
     for text, name, width in parts:
         if not (name and width):
@@ -97,7 +97,7 @@ def uncertain(texts: Sequence[str], flag: str) -> dict[str, str]:
 
 
 def stiffness_unit(text: str, flag: str) -> str:
-    """Read a unit of stiffness, whatever its blanks and dots: `Nmm/deg`, `N*mm/deg`; another text as it is."""
+    """Read a unit of stiffness with any blanks and dots: `Nmm/deg`, `N*mm/deg`; another text unchanged."""
     plain = {re.sub(r"[\s*·]", "", name): name for name in STIFFNESS_UNITS}
     return plain.get(re.sub(r"[\s*·]", "", text), text)
 
@@ -129,7 +129,7 @@ def band(text: str, flag: str) -> tuple[float, float]:
 
 
 def peak_to_peak(text: str, flag: str) -> tuple[float, float]:
-    """Read transmission errors LOW:HIGH [arc seconds, peak to peak]; one number stands for both."""
+    """Read transmission errors LOW:HIGH [arc seconds, peak to peak]; one number gives both."""
     parts = [number(part, f"{flag} {text}") for part in text.split(":")]
     if len(parts) not in (1, 2) or not 0 <= parts[0] <= parts[-1]:
         expected = "LOW:HIGH in arc seconds peak to peak, 0 <= LOW <= HIGH"
@@ -138,7 +138,7 @@ def peak_to_peak(text: str, flag: str) -> tuple[float, float]:
 
 
 def whole_numbers(text: str, flag: str) -> tuple[int, ...]:
-    """Read whole numbers from 1 with commas between."""
+    """Read whole numbers from 1, separated by commas."""
     values = several(text, flag)
     if any(value != int(value) or value < 1 for value in values):
         raise refusal(f"{flag} {text}", f"'{text}'", "whole numbers from 1", "as 1,2")
@@ -152,5 +152,5 @@ def priors(texts: Sequence[str], flag: str) -> dict[str, Prior]:
 
 
 def postures(texts: Sequence[str], flag: str) -> tuple[tuple[float, ...], ...]:
-    """Read joint angles with commas between, one posture a text."""
+    """Read joint angles separated by commas, one posture a text."""
     return tuple(several(text, flag) for text in texts)

@@ -1,4 +1,4 @@
-"""Whether a repeated computation has come to the same numbers."""
+"""Whether a repeated computation gives the same numbers."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,22 +8,22 @@ from typing import Any
 Rows = Sequence[Mapping[str, Any]]
 
 SAME = 1e-9
-"""Relative difference that rounding makes."""
+"""Relative difference due to rounding."""
 SMALL = 1e-3
-"""Share of the largest number of its column below which a number's difference is relative to that."""
+"""Share of a column's largest number below which differences are taken relative to that share."""
 ERRORS = 4.0
-"""Monte Carlo standard errors of a difference up to which two runs of chains count as the same."""
+"""Difference, in Monte Carlo standard errors, up to which two runs of chains count as the same."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A number of the table that has come out otherwise.
+    """A number of the table that differs.
 
     Attributes:
-        row: place of the row in the table.
+        row: index of the row in the table.
         column: name of the column.
-        before: what the file has.
-        now: what has come out; None where there is no such number.
+        before: value in the file.
+        now: new value; None without one.
     """
 
     row: int
@@ -38,7 +38,7 @@ def differences(old: Rows, new: Rows, error: Rows = ()) -> Iterator[Difference]:
     Args:
         old: rows of a table.
         new: rows of its repetition.
-        error: Monte Carlo standard errors of the numbers that were sampled, row by row; nothing where none was.
+        error: Monte Carlo standard errors of sampled numbers, row by row; empty without any.
     """
     if len(old) != len(new):
         yield Difference(min(len(old), len(new)), "rows", len(old), len(new))
@@ -61,7 +61,7 @@ def _largest(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def _alike(one: Any, other: Any, sampled: float, small: float) -> bool:
-    """Tell whether two cells are the same; numbers smaller than `small` are compared to that."""
+    """Whether two cells are the same; differences of numbers below `small` are taken relative to it."""
     if _is_number(one) and _is_number(other):
         if not (math.isfinite(one) and math.isfinite(other)):
             return str(one) == str(other)

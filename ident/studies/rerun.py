@@ -1,4 +1,4 @@
-"""Repeat what a result file records, and say whether the numbers are the same."""
+"""Repeat the study of a result file, and report whether the numbers are the same."""
 
 import inspect
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ class Rerun(Reported):
     """A result and its repetition.
 
     Attributes:
-        before: the result as the file has it.
-        now: the result of the same study, on the same inputs, by the same options.
-        differences: numbers that differ by more than rounding or, of chains, by more than their Monte Carlo error.
-        restored: inputs that were not there as they had been: they were taken from the texts that the file holds.
+        before: the result in the file.
+        now: the result of the same study, with the same inputs and options.
+        differences: numbers that differ by more than rounding or, for chains, by more than their Monte Carlo error.
+        restored: missing or changed inputs, taken from the texts in the file.
     """
 
     before: Saved
@@ -36,13 +36,13 @@ class Rerun(Reported):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Which inputs are no longer as they were, and where the arm is not what its robot description says."""
+        """Changed or missing inputs, and differences between the arm and its robot description."""
         inputs = (self.before.inputs[name] for name in self.restored)
         paths = (one_line(source.path) for source in inputs if source)
         return *(f"{path} is not as it was: repeated from its text in the result" for path in paths), *self.now.notes
 
     def sections(self) -> Report:
-        """Return whether the numbers are the same, and where not."""
+        """Return whether the numbers are the same, and the differences."""
         from ident.studies.rerun_report import rerun_sections
 
         rows, sampled = len(self.now.table()), bool(self.before.standard_errors())
@@ -54,25 +54,25 @@ class Rerun(Reported):
         return repeated + super().report(details=details, width=width, colour=colour)
 
     def document(self) -> dict[str, Any]:
-        """Return for programs the repeated result, whether it is the same, and where not."""
+        """Return for programs the repeated result, whether it is the same, and the differences."""
         from ident.report.document import plain
 
         return {**self.now.document(), "same": self.same, "differences": plain(list(self.differences))}
 
 
 def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progress = silent) -> Rerun:
-    """Repeat what a result file records: its study, on its inputs, by its options; and compare the numbers.
+    """Repeat the study of a result file with its inputs and options, and compare the numbers.
 
-    Inputs are found by their hash: where the file says that they were, beside it, or in the present folder; arms and
-    campaigns that are not there, or have changed since, are those whose text the file holds.
+    Inputs are found by their hash: at their recorded path, in the folder of the file, or in the present folder; missing
+    or changed arms and campaigns are taken from the texts in the file.
 
     Args:
         path: a file of `Result.save` or of a command.
-        folder: where long studies keep what is finished, so that a call after an interruption goes on; it stays.
-        progress: shows how far it is.
+        folder: long studies store finished parts here, so that a call after an interruption resumes; it stays.
+        progress: shows progress.
 
     Raises:
-        InputError: no result, or an input of it is not found or has changed.
+        InputError: no result, or an input is missing or has changed.
         ModelError: see the study.
     """
     from ident.report.document import plain

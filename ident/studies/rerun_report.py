@@ -1,4 +1,4 @@
-"""The report of a repetition: which numbers came out otherwise."""
+"""The report of a repetition: which numbers differ."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,14 +9,14 @@ from ident.report.words import counted
 from ident.studies.repetition import SAME, Difference
 
 SHOWN_OF_RERUN = 10
-"""Differences that the first screen lists."""
+"""Differences on the first screen, at most."""
 
 
 def rerun_sections(repeated: Report, differences: Sequence[Difference], rows: int, *, sampled: bool) -> Report:
-    """Return whether the numbers of a result are those of its file.
+    """Return whether the numbers of a result agree with its file.
 
     Args:
-        repeated: what the repetition itself says.
+        repeated: report of the repetition itself.
         differences: numbers that differ.
         rows: of its table.
         sampled: whether they may differ by a Monte Carlo error.

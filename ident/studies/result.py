@@ -1,4 +1,4 @@
-"""What every study returns: a frozen result with its report, figures, table and files."""
+"""The result of every study: frozen, with report, figures, table and files."""
 
 import hashlib
 import inspect
@@ -28,35 +28,35 @@ if TYPE_CHECKING:
     from ident.identify.fit import CampaignFit
 
 BESIDE = "'s "
-"""Between an input and what was read because it lies beside that: `campaign's covariance`."""
+"""Between an input and a companion file that was read with it: `campaign's covariance`."""
 SIDE_FILES = ("covariance", "setups", "bushings")
-"""What may lie beside an input: attributes of it."""
+"""Possible companion files of an input: its attributes."""
 TEXTS = ("arm", "campaign", "path", "channels")
-"""First words of the inputs whose text a result holds."""
+"""First words of the inputs whose text a result stores."""
 LONGEST_TEXT = 5_000_000
-"""Bytes up to which it does; of a longer one it holds path and hash."""
+"""Largest stored text [bytes]; of a longer one only path and hash are stored."""
 
 SHOWING = (
     *("sections", "figures", "html", "save_figures"),
     *("frequency_figure", "path_figure", "animation", "_write"),
 )
-"""Methods that show stiffnesses to people."""
+"""Methods that show stiffnesses in display units."""
 SAME_PROBLEM = (
     *("fix", "tie", "free", "uncertain", "no_prior", "prior"),
     *("discrepancy", "trust_values", "robust", "soft_base"),
 )
-"""Options without which the next command would pose another problem."""
+"""Options that the next command needs to pose the same problem."""
 SAME_MOTION = {"profile": "--path", "phases": "ident resonance", "errors": "ident resonance"}
-"""Options without which the next command would compute another motion, each with what does not take it."""
+"""Options that the next command needs for the same motion, each with the command or flag that does not take it."""
 R = TypeVar("R")
-"""What such a method returns."""
+"""Return type of such a method."""
 
 
 class Progress(Protocol):
-    """Shows how far long work is."""
+    """Shows the progress of long work."""
 
     def __call__(self, description: str, total: int | None = None) -> "Wrap":
-        """Return what shows a bar over an iterable of numbers, under a description."""
+        """Return a wrapper that shows a bar over an iterable of numbers, with a description."""
         ...
 
 
@@ -69,7 +69,7 @@ class Wrap(Protocol):
 
 
 def _finite(value: Any) -> bool:
-    """Tell whether all numbers of a value are finite; None is no number."""
+    """Whether all numbers of a value are finite; None is no number."""
     import numpy as np
 
     if isinstance(value, Mapping):
@@ -85,12 +85,12 @@ def silent(description: str, total: int | None = None) -> Wrap:
 
 
 FOLDER = ContextVar("FOLDER", default=Path("out"))
-"""The folder whose files the next command of a report names."""
+"""The folder of the files that a report's next command names."""
 
 
 @contextmanager
 def kept_in(folder: Path) -> Iterator[None]:
-    """Let reports made within name files in this folder."""
+    """Let reports made inside this context name files in this folder."""
     token = FOLDER.set(folder)
     try:
         yield
@@ -99,14 +99,14 @@ def kept_in(folder: Path) -> Iterator[None]:
 
 
 LONG = ("sample", "diagnose", "fleet")
-"""Studies that take long: a result of other inputs is kept."""
+"""Long studies: their result is not overwritten by one with other inputs."""
 
 
 def other_inputs(result: "Result", folder: Path) -> str:
-    """Say how a result of the same name, which takes long to make again, differs in its inputs; empty where none does.
+    """Say how the inputs of an existing result of a long study differ from these; empty if they don't.
 
-    Inputs are the same by their contents; what ident itself has written, with its date, also by its path. Those that
-    either result lacks are not compared, so that a fleet can grow.
+    Inputs are compared by content; a file of ident itself contains its date, so it is also compared by path. Inputs
+    that either result lacks are not compared, so that a fleet can grow.
     """
     there = folder / f"{result.name}{result.suffix}"
     if study_of(result.form) not in LONG or not os.path.exists(there):
@@ -125,14 +125,14 @@ def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def input_of(name: str) -> str:
-    """Return the input that a file was read for: `campaign` for `campaign's covariance`."""
+    """Return the main input of a companion file: `campaign` for `campaign's covariance`."""
     if name.startswith("runs" + BESIDE):
         return "runs"
     return next((name.removesuffix(end) for end in (BESIDE + word for word in SIDE_FILES) if name.endswith(end)), name)
 
 
 def _inputs_of(path: Path) -> Mapping[str, Any]:
-    """Return the inputs of a result that is there; none where it can't be read."""
+    """Return the inputs of an existing result; empty if it can't be read."""
     from ident.report.document import EXPECTED, read_document, read_group, whole
 
     try:
@@ -147,7 +147,7 @@ def _inputs_of(path: Path) -> Mapping[str, Any]:
 
 
 def _same(old: Any, new: Any) -> bool:
-    """Tell whether an input is the same; what a file of other contents says is none."""
+    """Whether an input is the same: by content, or by path for a file that ident has written."""
     if new is None or not isinstance(old, Mapping):
         return new is None and not old
     of_ident = any(word in STUDIES for word in Path(new.path).name.split(".")[1:])
@@ -155,7 +155,7 @@ def _same(old: Any, new: Any) -> bool:
 
 
 def _text(name: str, source: Any) -> str | None:
-    """Return what an input says, as far as its result keeps that: arms, campaigns and what lies beside them."""
+    """Return the text of an input, if its result stores it: arms, campaigns and their companion files."""
     if source is None or not source.path or input_of(name).split()[0] not in TEXTS:
         return None
     try:
@@ -164,11 +164,11 @@ def _text(name: str, source: Any) -> str | None:
     except (OSError, UnicodeDecodeError):
         return None
     same = len(data) <= LONGEST_TEXT and hashlib.sha256(data).hexdigest() == source.sha256
-    return text if same and "<include" not in text else None  # MJCF that consists of several files is found on disk
+    return text if same and "<include" not in text else None  # MJCF in several files is found on disk
 
 
 def _text_of_part(campaign: Any) -> str:
-    """Return a campaign as text where it is not what its file says; empty where it is, or where no text says all."""
+    """Return a campaign as text if it differs from its file; empty if it does not, or if text can't hold all of it."""
     from ident.measure import Campaign, read_campaign
     from ident.measure.reading import campaign_text
 
@@ -186,7 +186,7 @@ def _origin(source: Any) -> str:
 
 
 class Figures(dict[str, "Figure"]):
-    """Figures by name, the main one by the name of its study; `figures[""]` is that one, too."""
+    """Figures by name, the main one by the name of its study; `figures[""]` is the main one, too."""
 
     def __missing__(self, name: str) -> "Figure":
         if name or not self:
@@ -195,7 +195,7 @@ class Figures(dict[str, "Figure"]):
 
 
 def _in_its_unit(show: Callable[..., R]) -> Callable[..., R]:
-    """Return a method of a result that shows stiffnesses in the unit of its options."""
+    """Wrap a method of a result so that it shows stiffnesses in the unit of its options."""
 
     @wraps(show)
     def shown(self: "Result", *given: Any, **named: Any) -> R:
@@ -206,7 +206,7 @@ def _in_its_unit(show: Callable[..., R]) -> Callable[..., R]:
 
 
 def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any], Figures]":
-    """Return a method that draws figures as one that gives each a name."""
+    """Wrap a method that draws figures so that it returns `Figures`."""
 
     @wraps(draw)
     def figures(self: "Result") -> Figures:
@@ -216,7 +216,7 @@ def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any
 
 
 class Alias(property):
-    """A property that the value of a study has; its docstring is its line among the `Attributes` of the class."""
+    """A property forwarded from the value of a study; its docstring is its line among the `Attributes` of the class."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         (kind,) = get_args(owner.__annotations__[name])
@@ -227,7 +227,7 @@ class Alias(property):
 
 
 def alias(path: str) -> Any:
-    """Return the property that a path leads to; a class writes its type, `time: ClassVar[float]`, for type checkers."""
+    """Return a property that follows a path; a class declares its type, `time: ClassVar[float]`, for type checkers."""
 
     def get(result: Any) -> Any:
         return attrgetter(path)(result)
@@ -236,18 +236,18 @@ def alias(path: str) -> Any:
 
 
 class Reported:
-    """What has a report: it prints as the first screen."""
+    """Base class of everything with a report; it prints as the first screen."""
 
     def __str__(self) -> str:
         return self.report()
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where an arm is not what its robot description says."""
+        """Differences between the arm and its robot description."""
         return ()
 
     def sections(self) -> Report:
-        """Return all that is said: verdict, tables, findings, details."""
+        """Return the report: verdict, tables, findings, details."""
         raise NotImplementedError
 
     def document(self) -> dict[str, Any]:
@@ -255,11 +255,11 @@ class Reported:
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        """Return the first screen as a notebook shows it."""
+        """Return the first screen as HTML for a notebook."""
         return html_of(self.sections())
 
     def table(self) -> list[dict[str, Any]]:
-        """Return the main numbers as rows; none of what has no table."""
+        """Return the main numbers as rows; empty without a table."""
         return []
 
     def to_dataframe(self) -> "pandas.DataFrame":
@@ -275,33 +275,33 @@ class Reported:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Result(Reported):
-    """What a study has computed, on what inputs, by which options.
+    """Result of a study, with its inputs and options.
 
-    `print(result)` prints what the command prints; `ident.load` reads a saved one again. Results
-    are compared by identity: two of them hold too many numbers to be equal in one sense.
+    `print(result)` prints what the command prints; `ident.load` reads a saved result again. Results are compared by
+    identity: they hold too many numbers for equality to be meaningful.
     """
 
     form: ClassVar[str]
     """Format and version of its file."""
     suffix: ClassVar[str] = ".json"
-    """End of its file's name."""
+    """Ending of its file's name."""
     subject: ClassVar[str]
-    """Path to the name of what was studied."""
+    """Path to the name of the studied object."""
     shown: ClassVar[tuple[str, ...]]
-    """The fields that its report, figure and table are made of."""
+    """The fields behind its report, figure and table."""
     drawn: ClassVar[tuple[str, ...] | None] = None
-    """Those of its figure, where they are others; none of what has no figure."""
+    """The fields behind its figure, if they differ; empty without a figure."""
     listed: ClassVar[tuple[str, ...] | None] = None
-    """Those of its table, where they are others."""
+    """The fields behind its table, if they differ."""
     called: ClassVar[str] = ""
-    """What `present` calls it, where it is not the only result of its study."""
+    """Its name in function names of the report files, if it is not the only result of its study."""
     made_from: ClassVar[tuple[str, ...]]
-    """Paths to its inputs, or to several by name; each is called as the path ends, or `path as name`."""
+    """Paths to its inputs, or to several by name; the name is the end of the path, or given by `path as name`."""
     summary: ClassVar[tuple[str, ...]] = ()
-    """What its file says in short, beside the table: paths to properties."""
+    """Content of its file besides the table: paths to properties."""
 
     numbers: ClassVar[tuple[str, ...]] = ()
-    """What it is asked for: paths to numbers, all of which are finite, or else there is no result."""
+    """Its essential numbers, as paths; all must be finite, else there is no result."""
 
     def __post_init__(self) -> None:
         for path in self.numbers:
@@ -323,17 +323,17 @@ class Result(Reported):
 
     @property
     def name(self) -> str:
-        """What its files are called, without their ends: what was studied, and the study."""
+        """Base name of its files: the studied object, and the study."""
         return re.sub(r"[/\\\0]", "_", f"{attrgetter(self.subject)(self)}.{study_of(self.form)}")
 
     @property
     def main_figure(self) -> str:
-        """Name of the main figure: what the study, or its file's name, is called."""
+        """Name of the main figure: that of the study, or of its file."""
         return self.name.rpartition(".")[2]
 
     @classmethod
     def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what its study takes to repeat it, by its summary: its inputs' files by name."""
+        """Return the arguments of its study for a repetition, from its summary: files of its inputs by name."""
         return dict(inputs)
 
     @property
@@ -348,7 +348,7 @@ class Result(Reported):
 
     @_in_its_unit
     def sections(self) -> "Report":
-        """Return all that is said of the result: verdict, tables, findings, details."""
+        """Return the report of the result: verdict, tables, findings, details."""
         report: Report = self._present("_report", "sections")
         return replace(report, next=self._command(report.next))
 
@@ -364,7 +364,7 @@ class Result(Reported):
 
         def filled_in(match: re.Match[str]) -> str:
             name, end = match.groups()
-            if name is None:  # of braces that are doubled, one
+            if name is None:  # doubled braces become single ones
                 return match[0][0]
             return as_word(f"{FOLDER.get() / self.name}{end}") if name == "result" else files[name] + end
 
@@ -381,16 +381,16 @@ class Result(Reported):
 
     @_in_its_unit
     def figures(self) -> "dict[str, Figure]":
-        """Return matplotlib figures by name; the main one has the study's, and files without a further word."""
+        """Return matplotlib figures by name; the main one has the study's name, and files without a further word."""
         return {} if self.drawn == () else {"": self._present("_figure", "figure")}
 
     def table(self) -> list[dict[str, Any]]:
-        """Return the main numbers as rows, which `pandas.DataFrame` takes."""
+        """Return the main numbers as rows, for `pandas.DataFrame`."""
         rows: list[dict[str, Any]] = self._present("_report", "rows")
         return rows
 
     def document(self) -> dict[str, Any]:
-        """Return for programs from what it was made, with what and how, its summary and its table."""
+        """Return for programs its provenance, summary and table."""
         return self._document(self.head)
 
     def _document(self, head: Mapping[str, Any]) -> dict[str, Any]:
@@ -438,29 +438,29 @@ class Result(Reported):
         return tuple(written)
 
     def _present(self, part: str, what: str) -> Any:
-        """Return what a file beside the study makes of the result: the report of a fit by `fit_sections`."""
+        """Return a part of the result from a report or figure file: the report of a fit from `fit_sections`."""
         study = study_of(self.form)
         own = {"figure": self.drawn, "rows": self.listed}.get(what) or self.shown
         show = getattr(module_of(study, part), f"{self.called or study}_{what}")
         return show(*(attrgetter(name)(self) for name in own))
 
     def _beside(self, path: Path, suffix: str) -> Path:
-        """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
+        """Return the path of a further file: its name ends in the study's, so that it replaces no other file."""
         stem, study = path.name.removesuffix(self.suffix), study_of(self.form)
         return path.with_name(f"{stem}{suffix}" if study in stem.split(".") else f"{stem}.{study}{suffix}")
 
     @property
     def inputs(self) -> Mapping[str, Any]:
-        """What came from files, each with `path` and `sha256`, by name; None for what was not given."""
+        """Inputs from files, each with `path` and `sha256`, by name; None for inputs that were not given."""
         return _with_what_lies_beside(self._inputs())
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where an arm is not what its URDF or MJCF says: joints that are held, limits that are none, other names."""
+        """Differences between an arm and its URDF or MJCF: fixed joints, ignored limits, other names."""
         return tuple(dict.fromkeys(note for source in self._inputs().values() for note in getattr(source, "notes", ())))
 
     def standard_errors(self) -> list[dict[str, float]]:
-        """Return the Monte Carlo standard errors [SI] of the table's numbers that were sampled, by row, or none."""
+        """Return the Monte Carlo standard errors [SI] of the sampled numbers of the table, by row, or none."""
         return []
 
     def _inputs(self) -> Mapping[str, Any]:
@@ -473,7 +473,7 @@ class Result(Reported):
 
     @property
     def head(self) -> dict[str, Any]:
-        """What its file says first: format, software, options, inputs and the robot, as JSON knows them."""
+        """Head of its file: format, software, options, inputs and the robot, in JSON types."""
         from ident.report.document import provenance
 
         options: Options = vars(self)["options"]
@@ -487,7 +487,7 @@ class Result(Reported):
 
     @property
     def fitted(self) -> "CampaignFit | None":
-        """The fit that it has, or started from; None of a study that has none to go on with."""
+        """The fit of the result, or the fit it started from; None for a study without one."""
         return None
 
     def _fit_state(self) -> dict[str, Any] | None:
@@ -495,21 +495,21 @@ class Result(Reported):
         return None
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        """Write the files of a result, by default the one that is loaded again."""
+        """Write the files of a result, by default the one for `ident.load`."""
         from ident.report.document import write_json
 
         write_json(self._record(head), path)
         return (path,)
 
     def _record(self, head: Mapping[str, Any]) -> dict[str, Any]:
-        """Return all that is kept of the result, as JSON knows it: its own numbers and texts, and no class."""
+        """Return the complete record of the result in JSON types: numbers and texts, no class of the program."""
         from ident.report.document import plain, report_data
 
         texts = {name: text for name, source in self.inputs.items() if (text := _text(name, source)) is not None}
         document = self._document(head)
         campaign = self.inputs.get("campaign")
         if campaign is not None and (own := _text_of_part(campaign)):
-            # a part of a file, or values of no file, are kept as a file of their own
+            # a part of a file, or values without a file, are stored as a file of their own
             source = {"path": campaign.path or "campaign.csv", "sha256": hashlib.sha256(own.encode()).hexdigest()}
             document["inputs"] = {**document["inputs"], "campaign": source}
             texts["campaign"] = own

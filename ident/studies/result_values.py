@@ -1,4 +1,4 @@
-"""Fitted values and draws out of result files, for what takes them over; nothing is posed or evaluated."""
+"""Read fitted values and draws from result files; nothing is posed or evaluated."""
 
 import hashlib
 import json
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 FIT = "a result file of ident fit (.fit.json)"
 UNSOUND = ("NOT USABLE", "DOUBTFUL")
-"""Verdicts of `ident source` with which its numbers are not to be relied on."""
+"""Verdicts of `ident source` whose numbers are unreliable."""
 POSTERIOR = "a posterior of ident sample (.sample.nc) or source (.source.json)"
 
 
 def read_fit(
     path: str | Path, arm: "Arm", document: Mapping[str, Any] | None = None
 ) -> tuple[Values, Robot, float | None]:
-    """Return the fitted values of a result file, with what they were fitted, and at which height their base gives.
+    """Return the fitted values of a result file, the robot of the fit, and the height [m] of its soft base.
 
     Args:
         path: the file.
-        arm: whose numbers are looked for.
-        document: what the file says, where it was read before.
+        arm: numbers are matched to this arm.
+        document: content of the file, if already read.
     """
     where = one_line(str(path))
     document = document or read_document(path, FIT)
@@ -50,7 +50,7 @@ def read_fit(
 
 
 def _number(value: Any) -> float:
-    """Return what the file has as a number, which text and truth are not."""
+    """Return a number of the file; text and booleans are refused."""
     if isinstance(value, bool | str):
         raise TypeError
     return float(value)
@@ -98,7 +98,7 @@ def draws_of(drawn: Mapping[str, Any]) -> dict[tuple[str, ...], np.ndarray]:
     """Return the draws of a result of `ident source`.
 
     Raises:
-        ValueError, TypeError, AttributeError, OverflowError: they are no numbers, or not as many of each.
+        ValueError, TypeError, AttributeError, OverflowError: not numbers, or different counts.
     """
     draws = np.array(list(drawn.values()), float).reshape(len(drawn) or 1, -1)
     return {(name,): own for name, own in zip(drawn, draws, strict=False)}
@@ -114,7 +114,7 @@ def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Itera
 
 
 def _best(path: str | Path) -> tuple[slice | np.ndarray, str]:
-    """Return which chains are about the best optimum, and a remark if there are others."""
+    """Return the chains about the best optimum, and a remark if there are others."""
     try:
         optimum = np.asarray(read_group(path, "sample_stats")["optimum"].values)
     except (OSError, ValueError, KeyError):

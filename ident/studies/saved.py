@@ -1,4 +1,4 @@
-"""Results as their files have them: report, numbers, options and the texts of their inputs; no class of the program."""
+"""Saved results: report, numbers, options and texts of their inputs; no class of the program."""
 
 import atexit
 import hashlib
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ident.identify.values import Draws, Robot, Values
 
 RECORD = ("name", "standard_errors", "fit", "texts", "report")
-"""What a file holds besides what the command prints as JSON."""
+"""Content of a file besides the JSON output of the command."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Source:
     """An input of a saved result.
 
     Attributes:
-        path: its file; empty where it came from none.
+        path: its file; empty without one.
         sha256: of the file's bytes.
-        text: what it said; None where the result does not hold that.
+        text: its text; None if the result does not store it.
     """
 
     path: str
@@ -45,10 +45,10 @@ class Source:
 
     @classmethod
     def read(cls, document: Mapping[str, Any], text: Any) -> "Source":
-        """Return an input as a record has it.
+        """Return an input from a record.
 
         Raises:
-            KeyError, TypeError, ValueError: it is none.
+            KeyError, TypeError, ValueError: the record is malformed.
         """
         path, sha256 = document["path"], document["sha256"]
         if not (isinstance(path, str) and isinstance(sha256, str) and isinstance(text, str | None)) or "\0" in path:
@@ -59,20 +59,20 @@ class Source:
 
 
 class Saved(Reported):
-    """A saved result: its numbers are those that were stored, nothing is computed again.
+    """A saved result: its numbers are the stored ones, nothing is computed again.
 
-    It prints as it did; each number of its `summary` is an attribute, as `parameters` of a fit. `fitted` is the fit of
-    a saved fit, posterior or diagnosis; all else of a study comes back by `ident.rerun(path).now`.
+    It prints like the original; each number of its `summary` is an attribute, as `parameters` of a fit. `fitted` is the
+    fit of a saved fit, posterior or diagnosis; everything else of a study comes back by `ident.rerun(path).now`.
 
     Attributes:
         path: the file.
-        record: all that it holds.
-        inputs: what it was made from, by name; None for what was not given.
-        moved: how its fit, evaluated again, differs; empty until then, and where it does not.
+        record: the complete content.
+        inputs: its inputs, by name; None for inputs that were not given.
+        moved: differences of its fit when evaluated again; empty before, and without differences.
     """
 
     def __init__(self, path: str | Path, record: Mapping[str, Any]):
-        """Take what a file holds.
+        """Take over the content of a file.
 
         Raises:
             InputError: it is no record of a result.
@@ -92,7 +92,7 @@ class Saved(Reported):
                 name: None if source is None else Source.read(source, texts.get(name))
                 for name, source in record["inputs"].items()
             }
-            for details in (True, False):  # what can't be printed is no report
+            for details in (True, False):  # unprintable content is no report
                 text_of(self._report, details=details, colour=True)
             self._notes = tuple(map(str, record.get("notes", ())))
 
@@ -117,32 +117,32 @@ class Saved(Reported):
         return f"<ident Saved {self.name}: print it for the report>"
 
     def sections(self) -> Report:
-        """Return all that was said of the result."""
+        """Return the stored report of the result."""
         return self._report
 
     def table(self) -> list[dict[str, Any]]:
-        """Return the main numbers as rows, as `Result.table` did; what was not finite is None."""
+        """Return the main numbers as rows, as `Result.table` did; infinite or undefined ones are None."""
         return [dict(row) for row in self._rows]
 
     def document(self) -> dict[str, Any]:
-        """Return for programs what `Result.document` did."""
+        """Return the document for programs, as `Result.document` did."""
         return {name: value for name, value in self.record.items() if name not in RECORD}
 
     def standard_errors(self) -> list[dict[str, float]]:
-        """Return the Monte Carlo standard errors [SI] of the table's numbers that were sampled, by row, or none."""
+        """Return the Monte Carlo standard errors [SI] of the sampled numbers of the table, by row, or none."""
         return [{name: math.inf if value is None else value for name, value in row.items()} for row in self._errors]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where the arm is not what its robot description says, and how its fit, evaluated again, differs."""
+        """Differences between the arm and its robot description, and of the fit when evaluated again."""
         return *self._notes, *self.moved
 
     @cached_property
     def options(self) -> Options:
-        """What was asked for.
+        """The options of the call.
 
         Raises:
-            InputError: it has options that this version of ident does not know, or that are out of its ranges.
+            InputError: options that this version of ident does not know, or out of its ranges.
         """
         kind: type[Options] = getattr(module_of(self.study), f"{self.study.capitalize()}Options")
         with self._read():
@@ -154,10 +154,10 @@ class Saved(Reported):
 
     @cached_property
     def fitted(self) -> "CampaignFit":
-        """The fit that it has, or started from: the campaign posed again, and evaluated at the stored values.
+        """The fit of the result, or the fit it started from: posed again, and evaluated at the stored values.
 
         Raises:
-            InputError: it has none, or an input is neither at hand nor in the file.
+            InputError: it has none, or an input is neither on disk nor in the file.
         """
         from ident.identify.stored import MOVED, fit_of, moved
         from ident.studies.shared import ProblemOptions, as_campaign, as_file
@@ -188,12 +188,12 @@ class Saved(Reported):
 
 
 def reading(result: Reported) -> AbstractContextManager[None]:
-    """Refuse the file of a saved result where reading its numbers fails within."""
+    """Refuse the file of a saved result if reading its numbers fails inside this context."""
     return result._read() if isinstance(result, Saved) else nullcontext()
 
 
 class FromFit(Result):
-    """A result whose fit its file keeps."""
+    """A result whose file stores its fit."""
 
     def _fit_state(self) -> dict[str, Any]:
         from ident.identify.stored import fit_state
@@ -205,13 +205,13 @@ class FromFit(Result):
 
 
 def load(path: str | Path) -> Saved:
-    """Return the result that a study has saved.
+    """Return a saved result of a study.
 
     Args:
         path: a `.json` or `.nc` file of `Result.save` or of a command.
 
     Raises:
-        InputError: the file is none, or one of another version of ident.
+        InputError: no result file, or of another version of ident.
     """
     from ident.report.document import EXPECTED, read_record
 
@@ -223,16 +223,16 @@ def load(path: str | Path) -> Saved:
 
 
 # -------- Inputs
-# The files that a result was made from, as they were then.
+# The input files of a result, in their original state.
 
 
 @dataclass(frozen=True)
 class Files:
-    """The files that a result is made again from.
+    """The files to repeat a result.
 
     Attributes:
         paths: by the name of the input.
-        restored: names of those that were written from the texts that the result holds.
+        restored: names of files written from the stored texts.
     """
 
     paths: Mapping[str, Path]
@@ -240,17 +240,17 @@ class Files:
 
 
 def files_of(inputs: Mapping[str, Any], beside: Path) -> Files:
-    """Return the files that a result was made from: of the same contents, or else written from the result's own texts.
+    """Return the input files of a result: with the same contents, or else written from its stored texts.
 
-    They are looked for where they were, in a folder, and in the present one; an input and what lies beside it in one
-    place. What is written from texts lies in a folder of its own until the process ends.
+    They are searched at their recorded paths, in a folder, and in the present one; an input and its companion files in
+    one place. Files from stored texts lie in a folder of their own until the process ends.
 
     Args:
-        inputs: with `path` and `sha256`, and perhaps `text`, by name; None for what was not given.
-        beside: the folder, mostly the result's own.
+        inputs: with `path` and `sha256`, and perhaps `text`, by name; None for inputs that were not given.
+        beside: the folder, usually that of the result.
 
     Raises:
-        InputError: one is neither there nor in the result; all are listed.
+        InputError: an input is neither on disk nor in the result; all such inputs are listed.
     """
     groups: dict[str, dict[str, Any]] = {}
     for name, source in inputs.items():

@@ -1,4 +1,4 @@
-"""What a simulation rests on: the arm with the values found, its motion, and the unknown phases of unbalance."""
+"""The basis of a simulation: the arm with fitted values, its motion, and the unknown phases of unbalance."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -20,24 +20,24 @@ from ident.vibrate.response import gear_error
 from ident.vibrate.simulate import Superposition
 
 # -------- Phases
-# Unknown phases of the imbalances, and transmission errors: which they are, and draws of them.
+# Unknown phases of the imbalances, and transmission errors; draws of them.
 
 GUESSED = ("assumed", "calibrated", "derived", "designed", "")
-"""Origins of a phase with which it is not known: it was not seen on this arm."""
+"""Origins with which a phase counts as unknown: not identified on this arm."""
 POSTURES = 200
-"""Of a motion in which the gears' own error is computed."""
+"""Number of postures of a motion for the gears' own error."""
 IDENTIFIED = "identified"
-"""Origin of a number that was taken over from a fit or a posterior, or set."""
+"""Origin of a number from a fit or a posterior, or of a set one."""
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is unknown of the excitation.
+    """Unknowns of the excitation.
 
     Attributes:
-        phases: paths of the phases of imbalance and transmission error that are not known.
-        errors: lowest and highest amplitude [rad] of transmission errors that are not known, by path; each between is
-            as likely as any other. The arm itself has the highest.
+        phases: paths of the unknown phases of imbalance and transmission error.
+        errors: lowest and highest amplitude [rad] of unknown transmission errors, by path, uniform between; the arm
+            itself has the highest.
     """
 
     phases: tuple[str, ...] = ()
@@ -64,14 +64,14 @@ def unknowns(
     errors: tuple[float, float] | None = None,
     phases: bool = True,
 ) -> tuple[Arm, Unknowns]:
-    """Return an arm with the largest transmission errors at order 2 that may be, and what is unknown of its excitation.
+    """Return an arm with the largest possible transmission errors at order 2, and the unknowns of its excitation.
 
-    Phases are of what excites the arm: the imbalance and transmission error of its drives.
+    The phases are those of imbalance and transmission error of its drives.
 
     Args:
         arm: the arm.
         origins: of its numbers, by path.
-        given: numbers that the user has set.
+        given: numbers that the user set.
         errors: lowest and highest transmission error [arc seconds, peak to peak], twice the amplitude; None: the arm's.
         phases: whether phases are unknown.
     """
@@ -90,25 +90,25 @@ def _guessed(path: str, origins: Mapping[str, str], given: Collection[str]) -> b
 
 
 # -------- Basis
-# What a simulation rests on: the arm with the values that it has taken over, its motion and its load.
+# The basis of a simulation: the arm with its fitted values, its motion and its load.
 
 
 @dataclass(frozen=True)
 class Basis:
-    """An arm that carries out a motion, and where its numbers come from.
+    """An arm with its motion, and the sources of its numbers.
 
     Attributes:
-        arm_file: the arm as its file has it.
-        arm: the arm as it is simulated: with fitted values, or medians of the draws, and what was set.
+        arm_file: the arm as in its file.
+        arm: the simulated arm: with fitted values, or medians of the draws, and the set numbers.
         motion: commanded joint angles.
-        percent: [%] of full speed, or of a path's own.
+        percent: [%] of full speed, or of the speed of a given path.
         load: the load case.
         log: the joint path, if one is replayed.
-        fit: values of a fit that the arm has taken over.
+        fit: fitted values of the arm.
         posterior: draws of a posterior.
         changed: numbers that were set, by path [SI].
-        name: what files are called: arm, motion, percent.
-        unknown: what is unknown of the excitation, which is drawn with the posterior.
+        name: base name of files: arm, motion, percent.
+        unknown: unknowns of the excitation, drawn together with the posterior.
     """
 
     arm_file: ArmFile
@@ -125,12 +125,12 @@ class Basis:
 
     @cached_property
     def loads(self) -> Loads:
-        """The load case as the mechanics take it."""
+        """The load case in the form of the mechanics."""
         return loads_of(self.arm, self.load)
 
     @cached_property
     def draws(self) -> Mapping[str, Float[np.ndarray, "D"]]:
-        """Draws [SI] of the numbers that were not set and the unknown excitation, by path; none without a posterior."""
+        """Draws [SI] of the numbers not set and of the unknown excitation, by path; empty without a posterior."""
         return self.drawn(self.posterior)
 
     def drawn(self, posterior: Values | None, seed: int = 0) -> Mapping[str, Float[np.ndarray, "D"]]:
@@ -141,19 +141,19 @@ class Basis:
 
     @cached_property
     def gear_error(self) -> float:
-        """How far transmission errors move the end point at rest, and so at any speed [m]: at most along the motion."""
+        """Largest displacement [m] of the end point along the motion from transmission errors, at rest or any speed."""
         start, end = map(float, np.asarray(self.motion.breaks)[[0, -1]])
         return float(gear_error(self.arm, self.motion(np.linspace(start, end, POSTURES))[0]).max())
 
     @property
     def origins(self) -> dict[str, str]:
-        """Where each of the arm's numbers comes from, by path: of those that were taken over or set, `identified`."""
+        """Source of each of the arm's numbers, by path: `identified` if from a result or set."""
         taken = [path for values in (self.fit, self.posterior) if values for path in values.values]
         return {**self.arm_file.origins, **dict.fromkeys((*taken, *self.changed), IDENTIFIED)}
 
     @property
     def sources(self) -> dict[str, Any]:
-        """What came from files, each with `path` and `sha256`, by name; None for what was not given."""
+        """Inputs from files, each with `path` and `sha256`, by name; None for inputs that were not given."""
         return {"arm": self.arm_file, "fit": self.fit, "posterior": self.posterior, "path": self.log}
 
     @property
@@ -163,21 +163,21 @@ class Basis:
 
 
 # -------- Over phases
-# What unknown phases do to the vibration: its worst case, its quantiles, what makes it.
+# Effect of unknown phases on the vibration: worst case, quantiles, contributions.
 
 DRAWS = 1000
-"""Draws of phases, which take no simulation."""
+"""Draws of phases; they need no simulation."""
 
 
 @dataclass(frozen=True)
 class OverPhases:
-    """The vibration over all phases that are not known.
+    """The vibration over all unknown phases.
 
     Attributes:
         peaks: (3, K) [m] peak with each of K draws of these phases.
         envelope: (3, T) [m] the largest magnitude over all of them at each time.
-        division: (3, 3) [m] what motion and all known, imbalance and transmission error (first axis) make of the
-            largest peak in each direction.
+        division: (3, 3) [m] contributions of motion and all known sources, of imbalance, and of transmission error
+            (first axis) to the largest peak in each direction.
     """
 
     peaks: Float[np.ndarray, "3 K"]
@@ -201,18 +201,18 @@ class OverPhases:
 
 
 def over_phases(whole: Superposition, unknown: Unknowns, count: int = DRAWS) -> OverPhases:
-    """Return the vibration over what is not known of the excitation, each phase as likely as any other."""
+    """Return the vibration over the unknown excitation, with uniform phases."""
     return OverPhases(whole.peaks(*_drawn(whole, unknown, count)), whole.envelope, whole.division)
 
 
 def at_share(arm: Arm, whole: Superposition, unknown: Unknowns, share: float) -> dict[str, float]:
-    """Return numbers of an excitation, by path, whose largest peak a share of all that may be does not exceed.
+    """Return numbers of an excitation, by path, whose largest peak is the given quantile over the unknowns.
 
     Args:
-        arm: has the highest transmission errors.
+        arm: with the highest transmission errors.
         whole: its vibration.
-        unknown: what may be.
-        share: of all that may be.
+        unknown: the unknowns of the excitation.
+        share: of all possible excitations.
     """
     phases, factors = _drawn(whole, unknown, DRAWS)
     peaks = whole.peaks(phases, factors).max(0)
@@ -228,7 +228,7 @@ def at_share(arm: Arm, whole: Superposition, unknown: Unknowns, share: float) ->
 def _drawn(
     whole: Superposition, unknown: Unknowns, count: int
 ) -> tuple[Float[np.ndarray, "U K"], Float[np.ndarray, "U K"]]:
-    """Return draws of the phases of a sum, and of the factors of what they excite."""
+    """Return draws of the phases of a sum, and of the factors of their responses."""
     drawn, highest = unknown.draws(count), unknown.highest
     factors = [
         drawn[size] / highest[size] if highest.get(size) else np.ones(count) for size in map(_size, whole.unknown)
@@ -237,5 +237,5 @@ def _drawn(
 
 
 def _size(phase: str) -> str:
-    """Return the path of the transmission error at order 2 whose phase it is; of another phase the path of no error."""
+    """Return the path of the transmission error at order 2 with this phase; for another phase the path of no error."""
     return phase.removesuffix("_phase")

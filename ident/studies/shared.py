@@ -1,4 +1,4 @@
-"""What several studies share: options that pose a problem, and the arm with where it comes from."""
+"""Shared by several studies: options that pose a problem, and the arm with its source."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 
 FARTHEST = 3600.0
-"""Largest angle of a pin [deg], ten turns, as in a log."""
+"""Largest joint angle [deg], ten turns, as in a log."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class UnitOptions(Options):
-    """In which unit stiffnesses are shown."""
+    """The unit in which stiffnesses are shown."""
 
     units: str = option(
         USUAL,
@@ -41,7 +41,7 @@ class UnitOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class BaseOptions(UnitOptions):
-    """What an arm stands on."""
+    """The base of an arm."""
 
     soft_base: float | None = option(
         None,
@@ -53,7 +53,7 @@ class BaseOptions(UnitOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemOptions(BaseOptions):
-    """What is unknown of an arm, and what is known of it before the data."""
+    """The unknowns of an arm, and their priors."""
 
     fix: tuple[str, ...] = repeated(
         (),
@@ -102,10 +102,10 @@ class ProblemOptions(BaseOptions):
     refuses: ClassVar[tuple[str, ...]] = ("uncertain",)
 
     def unknowns_of(self, arm: "ArmFile") -> "Unknowns":
-        """Return what is unknown of an arm, as identification takes it, with what its file says is not exactly known.
+        """Return the unknowns of an arm in the form of identification, with the uncertain numbers of its file.
 
         Raises:
-            InputError: it says so, and this study does not know of such numbers.
+            InputError: the file has uncertain numbers, and this study does not support them.
         """
         unknowns = self.unknowns.named(arm.arm)
         taken = {*unknowns.fixed, *unknowns.free, *(path for group in unknowns.tied for path in group)}
@@ -119,7 +119,7 @@ class ProblemOptions(BaseOptions):
 
     @property
     def unknowns(self) -> "Unknowns":
-        """What is unknown, as identification takes it, whatever the arm's file says of its numbers."""
+        """The unknowns in the form of identification, without the uncertain numbers of the arm's file."""
         from ident.identify.unknowns import Unknowns
 
         width = math.inf if self.no_prior else self.prior_sd
@@ -129,7 +129,7 @@ class ProblemOptions(BaseOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ArmOptions(BaseOptions):
-    """What an arm carries, and which of its numbers are changed."""
+    """The load of an arm, and its changed numbers."""
 
     load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
     set: dict[str, float] = repeated(
@@ -143,7 +143,7 @@ class ArmOptions(BaseOptions):
     )
 
     def problems(self) -> list[Problem]:
-        """Return numbers of a sign that they can't have."""
+        """Return numbers of an impossible sign."""
         from ident.arm.fields import EXPECTED, LARGEST, field_of
 
         fields = {path: field_of(path) for path in self.set}
@@ -161,33 +161,33 @@ class ArmOptions(BaseOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RunsOptions(ArmOptions):
-    """Options of a study of a table of runs: what the arm carried stands in the table."""
+    """Options of a study of a table of runs: the table has the load of the arm."""
 
     refuses: ClassVar[tuple[str, ...]] = ("load",)
     instead: ClassVar[str] = "give it in the column load of the table of runs"
 
 
 def is_angle(value: Any) -> bool:
-    """Tell whether a value is an angle [deg] that a pin may have."""
+    """Whether a value is an angle [deg] that a joint may have."""
     return isinstance(value, Real) and abs(float(value)) <= FARTHEST
 
 
 def check_posture(posture: Sequence[float], arm: "Arm") -> None:
-    """Refuse what is no posture [deg] of an arm."""
+    """Refuse an invalid posture [deg] of an arm."""
     if len(posture) != len(arm.driven) or not all(map(is_angle, posture)):
         expected = f"{len(arm.driven)} angles within {FARTHEST:g} deg, one for each driven joint"
         raise refusal("posture", f"{tuple(posture)}", expected, "give one angle for each joint")
 
 
 def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -> "ArmFile":
-    """Return an arm with where it comes from; one that was made in Python comes from no file.
+    """Return an arm with its source; an arm made in Python has no file.
 
     Args:
         arm: the arm, or its file.
-        soft_base: puts it on a base that gives, see `ident.arm.arm.on_soft_base`.
+        soft_base: puts it on a compliant base, see `ident.arm.arm.on_soft_base`.
 
     Raises:
-        InputError: it is no arm, its file is wrong, or it stands on a base that gives already.
+        InputError: it is no arm, its file is wrong, or it already stands on a compliant base.
     """
     from ident.arm.arm import Arm, check_size, on_soft_base
     from ident.description.file import ArmFile, read_arm
@@ -207,15 +207,15 @@ def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -
 
 
 def with_numbers(arm: "Arm", taken_over: "Values | None", changed: Mapping[str, float]) -> "Arm":
-    """Return an arm with other numbers, which must make an arm as those of a file must.
+    """Return an arm with other numbers, which must be as valid as those of a file.
 
     Args:
         arm: the arm.
-        taken_over: fitted values or draws, whose medians it takes over; None for none.
-        changed: numbers [SI] by path that are set besides (`set`).
+        taken_over: fitted values, or draws whose medians it takes; None for none.
+        changed: further set numbers [SI] by path (`set`).
 
     Raises:
-        InputError: numbers that no arm can have, with the file or the option that they are from.
+        InputError: impossible numbers, with their file or option.
     """
     from ident.arm.arm import check_arm
 

@@ -1,4 +1,4 @@
-"""What a study takes over from another's result: fitted values, and draws of a posterior."""
+"""Values from another study's result: fitted values, and draws of a posterior."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 def fitted_values(
     fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile", options: ArmOptions | None = None
 ) -> "Values":
-    """Return fitted values, whatever they are in, with the objections to taking them over.
+    """Return fitted values from any of their sources, with the objections to them.
 
     Args:
-        fit: a result, its file, or values that were taken before, which are taken as they are.
-        arm: whose numbers are looked for; it stands on the options' base.
-        options: on which base the arm stands, which numbers are set besides, and whether another robot's will do.
+        fit: a result, its file, or values that were read before, which are returned unchanged.
+        arm: numbers are matched to this arm; it stands on the options' base.
+        options: the base of the arm, the set numbers, and whether another robot's values are accepted.
 
     Raises:
         InputError: neither a fit nor its file, a fit without any number of this arm, or one of another robot.
@@ -53,7 +53,7 @@ def _of_this_robot(values: "Values", robot: "Robot", own: "ArmFile", options: Ar
 
 
 def _on_the_same_base(values: "Values", fitted: float | None, asked: float | None) -> "Values":
-    """Refuse values that were fitted on another base: its compliance would count twice, or elsewhere."""
+    """Refuse values that were fitted on another base: its compliance would count twice, or in the wrong place."""
     if fitted == asked:
         return values
     got, expected = (f"a base that gives at {x:g} m" if x else "a rigid base" for x in (fitted, asked))
@@ -68,14 +68,14 @@ def drawn_values(
     seed: int | None = None,
     options: ArmOptions | None = None,
 ) -> "Values | None":
-    """Return draws of a posterior, whatever they are in; None for none.
+    """Return draws of a posterior from any of their sources; None for none.
 
     Args:
-        posterior: a result, its file, or draws that were chosen before, which are taken as they are.
-        arm: whose numbers are looked for.
+        posterior: a result, its file, or draws that were chosen before, which are returned unchanged.
+        arm: numbers are matched to this arm.
         count: draws, at most.
-        seed: of a choice at random; without one the draws are spread evenly over the chains.
-        options: which numbers are set besides, and whether those of another robot will do.
+        seed: of a random choice; without one the draws are spread evenly over the chains.
+        options: the set numbers, and whether another robot's draws are accepted.
 
     Raises:
         InputError: no posterior, one without any number of this arm, or one of another robot.
@@ -96,15 +96,15 @@ def drawn_groups(
     seed: int = 0,
     options: ArmOptions | None = None,
 ) -> "tuple[Values | None, Values | None]":
-    """Return two groups of draws that have none in common, to search with and to verify with; None for none.
+    """Return two disjoint groups of draws, to search with and to verify with; None for none.
 
     Args:
         posterior: a result, its file, or draws that were chosen before: the first group, without a second.
-        arm: whose numbers are looked for.
+        arm: numbers are matched to this arm.
         count: draws of the first group, at most.
         fresh: draws of the second, at most.
         seed: of the choice.
-        options: which numbers are set besides, and whether those of another robot will do.
+        options: the set numbers, and whether another robot's draws are accepted.
     """
     from ident.identify.values import Values
 

@@ -1,1 +1,1 @@
-"""What makes a measured vibration: triage, and the sources of each drive."""
+"""The cause of a measured vibration: triage, and the sources of each drive."""

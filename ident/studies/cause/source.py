@@ -1,4 +1,4 @@
-"""Identify what excites the moving arm from traces of its vibration: imbalance and transmission error of each drive."""
+"""Identify imbalance and transmission error of each drive from vibration traces of the moving arm."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from ident.studies.stiffness.sample import SampleResult
 
 ARM = "arm.toml"
-"""The arm's file beside the table of runs, where none is named."""
+"""Default arm file, in the folder of the table of runs."""
 MOST_DRAWS = 4000
-"""Draws of a posterior, from which mean and covariance are taken."""
+"""Draws of a posterior for its mean and covariance."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions(RunsOptions):
-    """Options of `ident.source`: how well the clocks agree, and which runs are kept to test with."""
+    """Options of `ident.source`: the clock error, and the runs left out for testing."""
 
     offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", above=0.0, high=1.0)
     hold_out: tuple[str, ...] = repeated(
@@ -49,17 +49,17 @@ class SourceOptions(RunsOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SourceResult(Result):
-    """What excites the arm, as traces of its vibration tell it.
+    """Sources of the arm, identified from traces of its vibration.
 
-    Its table has a row for each source: amplitude and its standard deviation [SI], phase [rad], whether it is told. Its
-    figure shows the traces, what the sources make of them, and what is left.
+    The table has a row for each source: amplitude and its standard deviation [SI], phase [rad], whether it is
+    determined. The figure shows the measured traces, the computed ones and the residuals.
 
     Attributes:
-        study: what was measured, what was identified, the runs that were predicted.
+        study: traces, identified sources, and predicted runs.
         arm_file: the arm.
         runs: the table of runs.
-        options: what was asked for.
-        posterior: draws of stiffnesses that were known before.
+        options: the options of the call.
+        posterior: draws of stiffnesses known beforehand.
         doubtful: whether runs contradict each other or the model.
     """
 
@@ -79,25 +79,25 @@ class SourceResult(Result):
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """Numbers of the arm as identified, by path [SI]."""
+        """Identified numbers of the arm, by path [SI]."""
         return self.study.found.numbers()
 
     @cached_property
     def draws(self) -> Mapping[str, Any]:
-        """Draws of the same."""
+        """Draws of these numbers."""
         return self.study.found.draws(self.options.draws, self.options.seed)
 
     @property
     def phases(self) -> Mapping[str, tuple[Any, Any]]:
-        """Of each drive, the phase of its imbalance in each phase group and its standard deviation [rad]."""
+        """Phase of each drive's imbalance in each phase group, with its standard deviation [rad]."""
         found = [each for each in self.study.found.estimates if not each.source.of_error]
         return {each.source.drive: (each.phase, each.phase_sd) for each in found}
 
     @cached_property
     def trials(self) -> list[dict[str, Any]]:
-        """Masses that were added for a run: imbalance as stated [kg m], factor by which it acts [-], draws of that.
+        """Masses added for runs: stated imbalance [kg m], factor of its effect [-], draws of the factor.
 
-        Complex numbers as real and imaginary part.
+        Complex numbers are given as real and imaginary part.
         """
         import numpy as np
 
@@ -111,7 +111,7 @@ class SourceResult(Result):
 
     @property
     def causes(self) -> list[dict[str, Any]]:
-        """What may make the peak that was asked about, the most probable first; none where none was."""
+        """Possible causes of the queried peak, most probable first; empty without a query."""
         found = self.study.causes
         told = {"peak": found.peak, "told": found.told} if found else {}
         return [
@@ -121,7 +121,7 @@ class SourceResult(Result):
 
     @property
     def short(self) -> bool:
-        """Whether the search has not settled."""
+        """Whether the search has not converged."""
         return not self.study.found.settled
 
 
@@ -129,7 +129,7 @@ def as_runs(runs: "Runs | str | Path") -> "Runs":
     """Return a table of runs, read if it is a file.
 
     Raises:
-        InputError: something is wrong in it.
+        InputError: an error in the table.
     """
     from ident.measure.runs import Runs, read_runs
 
@@ -137,10 +137,10 @@ def as_runs(runs: "Runs | str | Path") -> "Runs":
 
 
 def arm_beside(runs: "Runs", soft_base: float | None) -> "ArmFile":
-    """Return the arm beside a table of runs.
+    """Return the arm of a table of runs, from the same folder.
 
     Raises:
-        InputError: there is none, or something is wrong in it.
+        InputError: no such file, or an error in it.
     """
     path = Path(runs.path).parent / ARM
     if not path.exists():
@@ -161,13 +161,13 @@ def source(
 
     Args:
         runs: the table of runs, see `ident source --init`, or its file.
-        arm: the arm; by default arm.toml beside the table.
-        options: how well clocks agree, which runs are kept to test with.
+        arm: the arm; by default arm.toml in the folder of the table.
+        options: the clock error, the runs left out for testing.
         posterior: draws of its stiffnesses: a sample, or its file; without it they are known within 10 % (assumed).
-        progress: shows how far the search is.
+        progress: shows the progress of the search.
 
     Raises:
-        InputError: a file is wrong, or does not fit the arm; runs without common time or with too few turns.
+        InputError: a file is wrong, or does not match the arm; runs without common time or with too few turns.
         ModelError: the arm collapses.
     """
     from ident.studies.cause.source_study import studied, with_notes

@@ -1,4 +1,4 @@
-"""The traces of a moving arm and what the identified sources make of them."""
+"""Traces of a moving arm, measured and computed from the identified sources."""
 
 from typing import TYPE_CHECKING
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
 SIZE = (9.0, 5.6)
 """Width and height [inch]."""
 MOST = 6
-"""Traces that are drawn: of more, those of which most is left unexplained."""
+"""Traces drawn at most: those with the largest unexplained share."""
 MEASURED: Style = {"color": PALE, "linewidth": 1.6}
 COMPUTED: Style = {"color": BLUE, "linewidth": 0.8}
 LEFT: Style = {"color": ORANGE, "linewidth": 0.6}
 UNITS = ((1e3, "mm"), (1e3, "mm/s"), (1.0, "m/s²"))
-"""Of displacement, velocity and acceleration: how many in the SI unit, and the unit."""
+"""For displacement, velocity and acceleration: display units per SI unit, and the unit."""
 
 
 def source_figure(study: "SourceStudy") -> Figure:
-    """Draw measured and computed traces and what is left between them, the slow part left out."""
+    """Draw measured and computed traces and their residuals, without the slow part."""
     found = study.found
     problem, order = found.problem, found.explained.argsort()[:MOST]
     figure = titled((8.0, 1.6 + 1.5 * len(order)), f"Vibration explained by the drives: {cut(problem.arm.name, 40)}")

@@ -1,4 +1,4 @@
-"""What excites the moving arm: what is said of it, and its rows for programs."""
+"""The report of the sources of a moving arm, and its table."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -24,13 +24,13 @@ CAUSES = {
 }
 """Causes of a peak in words."""
 IMPLAUSIBLE = {True: 600.0, False: 50.0}
-"""Most that a drive has, of a transmission error [arcsec p-p] and else of an eccentricity [mm]; assumed."""
+"""Largest plausible transmission error [arcsec p-p] of a drive, and eccentricity [mm] of its mass; assumed."""
 LISTED = 5
 """Further runs on the first screen, at most."""
 
 
 def source_sections(study: "SourceStudy") -> Report:
-    """Return all that is said of what excites an arm."""
+    """Return the report of the sources of an arm."""
     problem = study.found.problem
     what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
     return Report(
@@ -45,7 +45,7 @@ def source_sections(study: "SourceStudy") -> Report:
 
 
 def source_verdict(study: "SourceStudy") -> Verdict:
-    """Say how many sources are determined, or why the runs are of no use."""
+    """Judge by how many sources are determined, or say why the runs are unusable."""
     told, count = study.told, len(study.found.estimates)
     explained = f"they explain {_range(100 * study.found.explained)} % of the mean square of each trace"
     if study.doubtful and study.astray and not (study.moved or study.contradicting or study.poor):
@@ -71,7 +71,7 @@ def named(source: ExcitingOrder) -> str:
 
 
 def size_of(masses: "Mapping[str, float]", source: ExcitingOrder) -> tuple[float, str]:
-    """Return what one unit of a source is in the report's unit, and that: eccentric masses count with their mass."""
+    """Return the size of one source unit in the report's unit, and that unit; an eccentric mass counts as mass."""
     return (2.0, "arcsec p-p") if source.of_error else (masses[source.drive], "kg mm")
 
 
@@ -98,7 +98,7 @@ def estimates(study: "SourceStudy") -> Table:
 
 
 def source_findings(study: "SourceStudy") -> Iterator[Finding]:
-    """Yield what is wrong with the runs, how a left-out one is predicted, and what is not told."""
+    """Yield problems of the runs, the prediction of a left-out run, and undetermined sources."""
     if study.causes:
         yield cause_finding(study.causes, study.usable)
     check = "check speed, load, direction, unit and delay in the table of runs, and the sampling of the file"
@@ -148,7 +148,7 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
 
 
 def too_large(every: "Iterable[Estimate]") -> Iterator[Finding]:
-    """Yield which sources are larger than any drive's."""
+    """Yield the sources larger than plausible for a drive."""
     for each in every:
         error = each.source.of_error
         size, unit = (2 * each.amplitude, "arcsec p-p") if error else (each.amplitude, "mm of eccentricity")
@@ -238,7 +238,7 @@ def said(cause: "Cause") -> str:
 
 
 def cause_finding(causes: "Causes", usable: bool) -> Finding:
-    """Say what makes a peak, or what would tell; and whether the runs that tell it are in doubt."""
+    """Name the cause of a peak, or the run that would determine it; say whether the runs are in doubt."""
     first, *others = causes.causes
     at = f"peak at {causes.peak:g} Hz"
     if not causes.explained:
@@ -276,13 +276,13 @@ def acting(tried: "Tried") -> str:
 
 
 def turned(factor: complex) -> str:
-    """Say by how much a factor turns a mass: `60 deg further`."""
+    """Say by which angle a factor turns a mass: `60 deg further`."""
     turn = float(np.degrees(np.angle(factor)))
     return f"{abs(turn):.0f} deg {'further' if turn > 0 else 'back'}"
 
 
 def tried_section(every: "Iterable[Tried]") -> Section:
-    """Return what masses did that were added for runs."""
+    """Return the effects of masses that were added for runs."""
     rows = []
     for each in every:
         at, turn, turn_sd = (float(np.degrees(x)) for x in (np.angle(each.stated), np.angle(each.factor), each.sd[1]))

@@ -1,4 +1,4 @@
-"""From a table of runs to what excites the arm, how sure that is, and how well other runs are predicted."""
+"""From a table of runs to the sources of an arm, their certainty, and the prediction of other runs."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,57 +37,57 @@ from ident.vibrate.unit_response import UNITS, Run, Sensor, masses_of
 RARE = 1e-3
 """Probability of a test below which runs contradict each other; assumed."""
 TURNS = 20.0
-"""Turns of the fastest pulley that a trace and its motion have in common, at least; assumed."""
+"""Least number of turns of the fastest pulley common to a trace and its motion; assumed."""
 LONGEST_DWELL = 5.0
-"""Time [s] after arrival up to which a trace counts: it has mostly rung down by then; assumed."""
+"""Time [s] after arrival up to which a trace counts: the vibration has mostly decayed by then; assumed."""
 GAINS = (0.5, 1.5)
-"""Share of the computed vibration that a measured one has in it, beyond which the model is not that of the run; noise
-alone does not move it; assumed."""
+"""Range of the gain, the share of the computed vibration in the measured one; outside, the model is not that of the
+run. Noise alone does not shift the gain; assumed."""
 COMMON = 0.5
-"""Share of a trace and of its motion that both must have in common, or else it is said; assumed."""
+"""Common share of a trace and of its motion below which a note is printed; assumed."""
 FARTHEST = 4.0
-"""Standard deviations a priori by which a stiffness, a damping, a clock's rate or a direction may move; assumed."""
+"""Prior standard deviations by which a stiffness, a damping, a clock's rate or a direction may shift; assumed."""
 MISSED = 0.2
-"""Share of a left-out run's mean square that its prediction may miss beyond noise; assumed."""
+"""Share of a left-out run's mean square by which its prediction may be wrong beyond noise; assumed."""
 RATES = np.linspace(-5e-3, 5e-3, 21)
-"""Relative errors of a clock that are tried where a left-out run is not predicted; assumed."""
+"""Relative clock errors tried if a left-out run is not predicted; assumed."""
 LATEST = 1.0
-"""Time [s] by which a clock may be off that is searched for where the stated offset leads to nothing; assumed."""
+"""Largest clock error [s] searched if the stated offset leads to no solution; assumed."""
 CLOCK = 0.05
-"""Time [s] by which a clock may be off where none is fitted; assumed."""
+"""Clock error [s] if none is fitted; assumed."""
 LARGEST = 0.05
-"""Largest vibration of an arm, as a share of its reach; with a wrong unit it seems larger; assumed."""
+"""Largest vibration of an arm, as a share of its reach; above it, suspect a wrong unit; assumed."""
 QUICKEST = 25.0
-"""Frequency [Hz] of what drives excite at most, which bounds velocity and acceleration, too; assumed."""
+"""Highest frequency [Hz] that drives excite, which bounds velocity and acceleration, too; assumed."""
 FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
-"""Speeds [%] of the runs that are tried where some source is not told; assumed."""
+"""Speeds [%] of the runs that are tried if some source is not determined; assumed."""
 TESTED = 100
-"""Draws by which a run is predicted."""
+"""Draws for the prediction of a run."""
 
 HEAVIEST = (0.01, 20.0, 0.05)
 """Largest imbalance of a trial mass: in kg m, as a multiple of the drive's own, and as an eccentricity [m] of its
-eccentric mass; the largest of the three counts, assumed."""
+eccentric mass; the largest of the three counts; assumed."""
 CONTRADICTED = 0.01
 """Probability below which a trial mass does not act as stated, or trial masses contradict each other; assumed."""
 NEAR = 0.05
-"""Deviation of a trial mass's factor that is none: the correction would leave as much of the imbalance; assumed."""
+"""Deviation of a trial mass's factor that counts as none: the correction would leave this share; assumed."""
 TOLD_WITHIN = 0.25
-"""Half width of a trial mass's 95 % region beyond which acting as stated verifies nothing: as much of the imbalance
-could be left; assumed."""
+"""Half width of a trial mass's 95 % region above which acting as stated verifies nothing: this share of the imbalance
+could remain; assumed."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """A run that was not used, as it was predicted.
+    """A left-out run with its prediction.
 
     Attributes:
         run: its name.
-        channel: what was measured.
-        shown: (T,) [SI] measured, the slow part left out.
-        computed: (T,) [SI] predicted, likewise.
-        peaks: (D,) [SI] largest magnitude with each of some draws of the sources, all else as it was found.
-        noise: [SI^2] mean square of what the runs that were used leave unexplained, at most.
-        rate: relative error of the clock with which the run would be predicted; 0 for none.
+        channel: its sensor channel.
+        shown: (T,) [SI] measured, without the slow part.
+        computed: (T,) [SI] predicted, without the slow part.
+        peaks: (D,) [SI] largest magnitude with each of some draws of the sources, all else at the estimate.
+        noise: [SI^2] mean square that the used runs leave unexplained, at most.
+        rate: relative clock error with which the run would be predicted; 0 for none.
     """
 
     run: str
@@ -100,7 +100,7 @@ class Prediction:
 
     @property
     def missed(self) -> float:
-        """Share of the measured mean square that the prediction misses, beyond noise."""
+        """Share of the measured mean square by which the prediction is wrong, beyond noise."""
         return float((np.mean((self.shown - self.computed) ** 2) - self.noise) / np.mean(self.shown**2))
 
     @property
@@ -115,20 +115,20 @@ class Prediction:
 
     @property
     def ratio(self) -> float:
-        """Predicted by measured root mean square."""
+        """Ratio of predicted to measured root mean square."""
         return float(np.linalg.norm(self.computed) / np.linalg.norm(self.shown))
 
 
 @dataclass(frozen=True)
 class Tried:
-    """What a mass did that was added to a drive for a run: a trial, or a correction as it was mounted.
+    """Effect of a mass that was added to a drive for a run: a trial mass, or a mounted correction.
 
     Attributes:
         run: its name.
         drive: name of the drive.
-        stated: [kg m] its imbalance as the table of runs has it.
-        factor: by which it acts: 1 where table and model are right.
-        draws: (D,) of that.
+        stated: [kg m] its imbalance in the table of runs.
+        factor: of its effect: 1 if table and model are right.
+        draws: (D,) of the factor.
     """
 
     run: str
@@ -139,53 +139,53 @@ class Tried:
 
     @property
     def sd(self) -> tuple[float, float]:
-        """Standard deviation of the factor's size [-], and of its turn [rad]."""
+        """Standard deviation of the factor's magnitude [-], and of its angle [rad]."""
         off = self.draws / self.factor
         return float(abs(self.factor) * off.real.std()), float(off.imag.std())
 
     @property
     def chance(self) -> float:
-        """Probability that the factor is 1 and differs so much by chance."""
+        """Probability of such a deviation of the factor from 1 by chance."""
         off = np.array([self.factor.real - 1, self.factor.imag])
         return float(chi2.sf(off @ np.linalg.solve(self._covariance, off), 2))
 
     @cached_property
     def _covariance(self) -> Float[np.ndarray, "2 2"]:
-        """Of the factor's real and imaginary part; regular for two draws, too."""
+        """Covariance of the factor's real and imaginary part; regular for two draws, too."""
         return np.cov(self.draws.real, self.draws.imag, bias=True) + 1e-12 * np.eye(2)
 
     @property
     def spread(self) -> float:
-        """Largest standard deviation of the factor, whichever way in the complex plane."""
+        """Largest standard deviation of the factor over all directions in the complex plane."""
         return float(np.sqrt(np.linalg.eigvalsh(self._covariance)[-1]))
 
     @property
     def too_light(self) -> float:
-        """By which factor it is too light to tell within `TOLD_WITHIN` how it acts: the error falls with its mass."""
+        """Factor by which it is too light to show within `TOLD_WITHIN` how it acts: the error falls with its mass."""
         return self.spread * float(np.sqrt(chi2.isf(0.05, 2))) / TOLD_WITHIN
 
     @property
     def told(self) -> bool:
-        """Whether it tells anything: that it does not act as stated, or that it does within `TOLD_WITHIN`."""
+        """Whether it is informative: it does not act as stated, or it does within `TOLD_WITHIN`."""
         return self.chance <= CONTRADICTED or self.too_light < 1
 
     @property
     def right(self) -> bool:
-        """Whether it acts as stated, and tells so."""
+        """Whether it demonstrably acts as stated."""
         return self.told and (abs(self.factor - 1) < NEAR or self.chance > CONTRADICTED)
 
 
 @dataclass(frozen=True)
 class SourceStudy:
-    """What excites the arm, and how well runs that were not used are predicted.
+    """The sources of an arm, and the prediction of left-out runs.
 
     Attributes:
-        found: what was identified.
-        held: predictions of the runs that were left out.
+        found: the identified numbers.
+        held: predictions of the left-out runs.
         known: whether stiffnesses come from a posterior.
-        further: standard deviations [units] of the sources' amplitudes with a further run, by its speed [%]; none where
-            all are told, or the arm has no stroke.
-        causes: what makes the peak that was asked about.
+        further: standard deviations [units] of the sources' amplitudes with a further run, by its speed [%]; empty if
+            all are determined, or the arm has no stroke.
+        causes: possible causes of the queried peak.
     """
 
     found: Identification
@@ -196,7 +196,7 @@ class SourceStudy:
 
     @property
     def next_run(self) -> tuple[float, list[ExcitingOrder]]:
-        """Speed [%] of the further run that would tell most, and the sources that it would tell; 0 for none."""
+        """Speed [%] of the most informative further run, and the sources that it would determine; 0 for none."""
         hidden = [(k, each) for k, each in enumerate(self.found.estimates) if not each.told]
 
         def told(speed: float) -> list[ExcitingOrder]:
@@ -209,7 +209,7 @@ class SourceStudy:
         return (best, told(best)) if best and told(best) else (0.0, [])
 
     def tried(self, count: int = TESTED, seed: int = 0) -> list[Tried]:
-        """Return what masses did that were added for runs, with draws."""
+        """Return the effects of masses that were added for runs, with draws."""
         problem, factors = self.found.problem, self.found.place.factors @ (1, 1j)
         if not problem.trials:
             return []
@@ -222,34 +222,34 @@ class SourceStudy:
 
     @property
     def told(self) -> int:
-        """How many sources the runs tell."""
+        """Number of sources that the runs determine."""
         return sum(each.told for each in self.found.estimates)
 
     @property
     def moved(self) -> dict[str, float]:
-        """What the runs move by more than `FARTHEST` standard deviations a priori."""
+        """Numbers that the runs shift by more than `FARTHEST` prior standard deviations."""
         return {name: shift for name, shift in self.found.moved.items() if abs(shift) > FARTHEST}
 
     @property
     def contradicting(self) -> list[ExcitingOrder]:
-        """Sources of which the runs, each alone, say what they cannot all mean."""
+        """Sources for which the single runs give contradicting estimates."""
         pairs = zip(self.found.problem.sources, self.found.agreement.tolist(), strict=True)
         return [source for source, chance in pairs if chance < RARE / len(self.found.problem.sources)]
 
     @property
     def poor(self) -> dict[str, float]:
-        """Gains of the channels that do not follow what is computed, by name."""
+        """Gains of the channels that do not follow the computed vibration, by name."""
         pairs = zip([channel.name for channel in self.found.problem.channels], self.found.gain.tolist(), strict=True)
         return {name: share for name, share in pairs if not GAINS[0] < share < GAINS[1]}
 
     @property
     def astray(self) -> tuple[Prediction, ...]:
-        """Left-out traces that are not predicted."""
+        """Left-out traces with a failed prediction."""
         return tuple(each for each in self.held if each.missed > MISSED)
 
     @property
     def doubtful(self) -> bool:
-        """Whether the runs contradict each other, or the model, or what they tell does not predict another."""
+        """Whether the runs contradict each other or the model, or their result fails to predict another run."""
         return bool(self.moved or self.contradicting or self.poor or self.astray)
 
     @property
@@ -270,21 +270,21 @@ def studied(
     calibration: float = 0.0,
     progress: Any = iter,
 ) -> SourceStudy:
-    """Identify what excites an arm from a table of runs, and predict those that are held out.
+    """Identify the sources of an arm from a table of runs, and predict the left-out ones.
 
     Args:
         arm: the arm.
         table: the runs.
-        draws: of its stiffnesses, by path; none where no posterior is given.
-        offset: [s] by which clocks may be off.
+        draws: of its stiffnesses, by path; empty without a posterior.
+        offset: [s] largest clock error.
         hold_out: files of the runs to predict.
-        peak: frequency [Hz] of a peak whose cause is asked for.
+        peak: frequency [Hz] of a peak whose cause is to be found.
         teeth: of the belts' driving pulleys, by the belt's name.
         calibration: standard deviation of the relative error of each sensor's calibration.
-        progress: shows how far the search is.
+        progress: shows the progress of the search.
 
     Raises:
-        InputError: a run that is not there, does not fit the arm, or has too few turns; clocks beyond the offset.
+        InputError: a run that is missing, does not match the arm, or has too few turns; clocks beyond the offset.
     """
     for name in hold_out:
         if name not in table.names:
@@ -320,11 +320,11 @@ def studied(
 
 
 def _refuse_late(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> None:
-    """Refuse a run of which a clock beyond the offset leaves less than half of what the best one within leaves."""
+    """Refuse a run if a clock beyond the offset has less than half the residual of the best clock within it."""
     for name in names:
         try:
             own = _posed(arm, table, [name], prior, LATEST)
-        except InputError:  # too short to be moved so far
+        except InputError:  # too short for such a shift
             continue
         place = own.start._replace(changes=prior.mean)
         responses = own.responses(place)
@@ -339,7 +339,7 @@ def _late(name: str, clock: float, offset: float) -> InputError:
 
 
 def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
-    """Return the traces of a table with the motion that each was measured in."""
+    """Return the traces of a table, each with its motion."""
     problem = _posed(arm, table, table.names, Prior.of(arm, {}), CLOCK)
     runs = [problem.runs[each.run] for each in problem.channels]
     each = zip(problem.channels, runs, strict=True)
@@ -347,7 +347,7 @@ def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
 
 
 def with_notes(arm: Arm, table: Runs) -> Runs:
-    """Return runs with what was mended in their logs, and which traces have little time in common with their motion."""
+    """Return runs with the repairs of their logs, and the traces that share little time with their motion."""
     notes = list[str]()
     for name in table.names:
         traces = _from_start(arm, table, table.of(name))
@@ -369,7 +369,7 @@ def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
 def posed(
     arm: Arm, table: Runs, names: Sequence[str] = (), prior: Prior | None = None, *, offset: float
 ) -> SourceProblem:
-    """Return runs as a problem; all of a table where none are named.
+    """Return runs as a problem; all runs of the table if none are named.
 
     Raises:
         InputError: see `studied`; an arm that no drive excites.
@@ -402,7 +402,7 @@ def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: fl
 
 
 def _trials(arm: Arm, sources: Sequence[ExcitingOrder], run: int, row: RunRow) -> Iterator[Trial]:
-    """Yield what the masses that were added for a run do to the imbalance of each drive."""
+    """Yield the effect of masses that were added for a run on the imbalance of each drive."""
     masses = masses_of(arm, sources)
     at = {each.drive: k for k, each in enumerate(sources) if each.kind == IMBALANCE}
     if wrong := [each.drive for each in row.trial if each.drive not in at]:
@@ -421,14 +421,14 @@ def _trials(arm: Arm, sources: Sequence[ExcitingOrder], run: int, row: RunRow) -
 
 
 def _from_start(arm: Arm, table: Runs, traces: Sequence[Trace]) -> tuple[Trace, ...]:
-    """Return traces whose times count from the start of their motion; a log's clock is theirs."""
+    """Return traces with times from the start of their motion; a log has the same clock."""
     row = traces[0].row
     first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
     return tuple(replace(each, time=each.time - first) for each in traces)
 
 
 def unmeasured(arm: Arm, table: Runs, rate: float) -> Runs:
-    """Return a table of runs that are not measured yet with traces of zeros, until a second after arrival.
+    """Return a table of planned runs with traces of zeros, until a second after arrival.
 
     Raises:
         InputError: a run that the arm can't make.
@@ -447,7 +447,7 @@ def _log(arm: Arm, table: Runs, path: str) -> Log:
 
 
 def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
-    """Return how the arm moved, held as long as the trace goes on."""
+    """Return the motion of the arm, with a dwell to the end of the trace."""
     row = traces[0].row
     if row.path:
         log = _log(arm, table, row.path)
@@ -474,7 +474,7 @@ def _sensor(arm: Arm, trace: Trace) -> Sensor:
 
 
 def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offset: float) -> Channel:
-    """Return a trace within its motion, whatever the clock."""
+    """Return a trace within its motion for any clock error."""
     margin = offset + 2 * float(trace.time[1] - trace.time[0]) + CLOCK_SD * LEVEL * float(motion.breaks[-1])
     inside = (trace.time > float(motion.breaks[0]) + margin) & (trace.time < float(motion.breaks[-1]) - margin)
     time = trace.time[inside]
@@ -500,7 +500,7 @@ def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offs
 
 
 def _same_group(table: Runs, name: str, used: Sequence[str]) -> str:
-    """Return a run that is used, of the group of one that is left out: else its pulleys' phases are not known."""
+    """Return a used run of the phase group of a left-out one: else its pulleys' phases are unknown."""
     row = table.of(name)[0].row
     same = [other for other in used if row.group and table.of(other)[0].row.group == row.group]
     if not same:
@@ -511,7 +511,7 @@ def _same_group(table: Runs, name: str, used: Sequence[str]) -> str:
 
 
 def _refuse_alone(table: Runs, name: str, used: Sequence[str]) -> None:
-    """Refuse a trial mass that no run of its group is without: what it does is the difference of both."""
+    """Refuse a trial mass whose group has no run without it: its effect is the difference of both."""
     row = table.of(name)[0].row
     others = [table.of(other)[0].row for other in used if row.group and table.of(other)[0].row.group == row.group]
     for drive in {each.drive for each in row.trial}:
@@ -521,7 +521,7 @@ def _refuse_alone(table: Runs, name: str, used: Sequence[str]) -> None:
 
 
 def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str]) -> "list[Prediction]":
-    """Return what sensors of a run that was left out should see, its clock alone fitted, and what they saw."""
+    """Return computed and measured channels of a left-out run, with only its clock fitted."""
     known = found.problem
     group = known.groups[list(used).index(_same_group(table, name, used))]
     own = replace(_posed(known.arm, table, [name], known.prior, known.offset), calibration=known.calibration)

@@ -1,4 +1,4 @@
-"""Tell from traces of the moving arm what makes its vibration: a drive, a mode, a fixed line."""
+"""Find the causes of a moving arm's vibration in its traces: a drive, a mode, a fixed frequency."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 
 MOST_ORDERS = 12
-"""Multiples of a pulley's frequency at most: what is compared with each other grows with them, its time by the cube."""
+"""Largest multiple of a pulley's frequency: all tracks are compared with each other, at cubic cost."""
 SEGMENT = 2.0
-"""Length [s] of a segment of the order map: frequencies half a hertz apart are told apart."""
+"""Length [s] of a segment of the order map: it separates frequencies half a hertz apart."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TriageOptions(RunsOptions):
-    """Options of `ident.triage`: which multiples of a pulley's frequency are looked at."""
+    """Options of `ident.triage`: the multiples of a pulley's frequency."""
 
     orders: tuple[int, ...] = option(
         (1, 2, 4), "multiples of each pulley's frequency that are looked at", read=reading.whole_numbers, text="1,2,4"
@@ -35,7 +35,7 @@ class TriageOptions(RunsOptions):
     upto: float = option(20.0, "highest frequency [Hz] that is drawn", above=0.0)
 
     def problems(self) -> list[Problem]:
-        """Refuse more multiples than a search has an end with."""
+        """Refuse more multiples than a search can handle."""
         got, remedy = f"{len(self.orders)} multiples", "name those that are likely"
         many = [Problem("orders", got, f"at most {MOST_ORDERS}", remedy)] if len(self.orders) > MOST_ORDERS else []
         return [*super().problems(), *many]
@@ -43,15 +43,15 @@ class TriageOptions(RunsOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class TriageResult(Result):
-    """What makes the strong parts of the vibration, as its frequencies over time tell.
+    """Causes of the strong parts of a vibration, from its frequencies over time.
 
-    Its table has a row for each part: what it follows, its share of the vibration, probability, frequencies.
+    The table has a row for each part: what it follows, its share of the vibration, probability, frequencies.
 
     Attributes:
-        found: the parts, and all that was compared.
+        found: the parts, and all compared tracks.
         runs: the table of runs.
         arm_file: the arm.
-        options: what was asked for.
+        options: the options of the call.
     """
 
     found: "Triage"
@@ -80,15 +80,15 @@ class TriageResult(Result):
 
 @study
 def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: TriageOptions = DEFAULT) -> TriageResult:
-    """Tell what makes the vibration of a moving arm by how its frequencies move; nothing must have been identified.
+    """Find the causes of a moving arm's vibration by how its frequencies [Hz] move; needs no identified arm.
 
     Args:
         runs: the table of runs, see `ident source --init`, or its file.
-        arm: the arm, its stiffnesses within 10 %; by default arm.toml beside the table.
-        options: which multiples of a pulley's frequency are looked at.
+        arm: the arm, its stiffnesses within 10 %; by default arm.toml in the folder of the table.
+        options: the multiples of a pulley's frequency.
 
     Raises:
-        InputError: a file is wrong, or does not fit the arm.
+        InputError: a file is wrong, or does not match the arm.
         ModelError: the arm collapses.
     """
     from ident.studies.cause.source import arm_beside, as_runs

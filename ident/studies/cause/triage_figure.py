@@ -1,4 +1,4 @@
-"""Order maps of traces, with the causes that explain their lines."""
+"""Order maps of traces, with the causes of their lines."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ LOOK: dict[str, Style] = {
     "unexplained": {"color": BLUE, "linestyle": (0, (6, 2, 1.5, 2))},
     "line": {"color": PINK, "linestyle": (0, (1.5, 1.5))},
 }
-"""Colours and lines by kind; thin for what was compared, thick for what was found."""
+"""Colours and lines by kind; thin for compared tracks, thick for identified causes."""
 
 
 def triage_figure(
@@ -39,7 +39,7 @@ def triage_figure(
     """Draw the amplitude of a trace over time and frequency, with tracks of drives, modes and lines.
 
     Args:
-        triage: what was compared and found.
+        triage: compared tracks and identified causes.
         spectrogram: of the trace, amplitudes (F, B) [m] or [m/s^2].
         trace: number of the trace.
         title: heading, such as the trace's name and direction.
@@ -61,7 +61,7 @@ def triage_figure(
 
 
 def _name(axes: Axes, triage: "Triage", number: int, trace: int) -> None:
-    """Write what a track is: a mode at its end, a drive where it is highest, each a bit lower than the one before."""
+    """Write the name of a track: a mode at its end, a drive at its maximum, each a bit lower than the previous one."""
     each, time = triage.hypotheses[number], triage.time[trace]
     track, top = each.frequency[trace], axes.get_ylim()[1]
     left, right = axes.get_xlim()
@@ -78,7 +78,7 @@ def _name(axes: Axes, triage: "Triage", number: int, trace: int) -> None:
 
 
 def _mark(axes: Axes, triage: "Triage", finding: "Finding", rank: int) -> None:
-    """Put the number of a finding where it is strongest."""
+    """Put the number of a finding at its maximum."""
     track = triage.hypotheses[finding.track or 0].frequency[finding.trace]
     frequency = float(np.interp(finding.time, triage.time[finding.trace], track))
     box = {"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": LOOK[finding.kind]["color"]}

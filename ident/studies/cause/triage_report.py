@@ -1,4 +1,4 @@
-"""What makes the vibration of a moving arm: what is said of it, and its rows for programs."""
+"""The report on the causes of a moving arm's vibration, and its table."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from ident.vibrate.triage import Triage
 
 WORDS = {"drive": "DRIVE", "mode": "STRUCTURE", "kicks": "STRUCTURE", "line": "FIXED LINE"}
-"""Verdict by what makes the largest part."""
+"""Verdict by the cause of the largest part."""
 MAINS, OFF_MAINS = (16.7, 50.0, 60.0), 0.1
-"""Frequencies [Hz] of the mains, and by how much a line may be off one."""
+"""Mains frequencies [Hz], and tolerance of a line."""
 REMEDIES = {
     "profile": "smooth the command, or see ident motion",
     "standstill": "record at rest: a line of servo, mains or floor stays",
@@ -22,11 +22,11 @@ REMEDIES = {
     "modes": "add the multiple to --orders, or look for a source that the arm file lacks",
     "kicks": "look for shocks: end stops, cables, what passes by",
 }
-"""What to do, by the hint of a part."""
+"""Remedy, by the hint of a part."""
 
 
 def triage_sections(triage: "Triage", runs: "Runs") -> Report:
-    """Return all that is said of what makes a vibration."""
+    """Return the report on the causes of a vibration."""
     found = triage.findings
     following = "ident source {runs} --arm {arm}" if any(part.next == "source" for part in found) else ""
     return Report(
@@ -53,7 +53,7 @@ def _verdict(triage: "Triage") -> Verdict:
 
 
 def what(part: "Part") -> str:
-    """Say what a part follows: `drive2 x 1 or drive1/drive3 x 2`, `lateral torsion 1, rung by the command`."""
+    """Name what a part follows: `drive2 x 1 or drive1/drive3 x 2`, `lateral torsion 1, rung by the command`."""
     if part.kind == "drive":
         by_order = by_key((order, drive) for drive, order in part.drives)
         return " or ".join(f"{'/'.join(names)} x {order}" for order, names in by_order.items())
@@ -67,7 +67,7 @@ def what(part: "Part") -> str:
 
 
 def _drive(part: "Part") -> str:
-    """Say with which multiple of a drive's frequency a part moves: `0.35 x drive2`."""
+    """Name the multiple of a drive's frequency with which a part moves: `0.35 x drive2`."""
     ((drive, order), *_) = part.drives
     return f"{order:.3g} x {drive}"
 
@@ -92,7 +92,7 @@ def _strongest(triage: "Triage", runs: "Runs") -> Section:
 
 def _findings(triage: "Triage", runs: "Runs") -> Iterator[Finding]:
     for part in triage.findings:
-        if part.next != "source":  # which the next command does
+        if part.next != "source":  # the next command does that
             text, (low, high) = cut(what(part), 60), part.frequency
             if part.kind == "unexplained":
                 factor, unit = tuple(TRACE_UNITS.values())[runs.traces[part.trace].derivative]

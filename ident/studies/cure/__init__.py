@@ -1,1 +1,1 @@
-"""What leaves less vibration: another motion, balanced drives, other numbers; from a campaign to advice."""
+"""Cures of a vibration: another motion, balanced drives, other parameters; from a campaign to advice."""

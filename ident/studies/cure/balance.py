@@ -1,4 +1,4 @@
-"""Balance the joint drives' rotors by what `ident source` has identified: which mass goes where, and what it brings."""
+"""Balance the joint drives' rotors by a result of `ident source`: masses, places, and the remaining vibration."""
 
 import hashlib
 from collections.abc import Collection, Mapping
@@ -34,14 +34,14 @@ BY_DRIVE = ("radius", "height", "holes", "hole_angle", "most", "rotor")
 MOST = 50.0
 """Largest mass [g] at one place of a pulley; assumed."""
 FEWEST = 3
-"""Holes around a pulley, of which two neighbours hold any correction."""
+"""Holes around a pulley from which two neighbours can realise any correction."""
 FEWEST_DRAWS = 20
-"""Draws of which a 95 % interval can be said to be one."""
+"""Draws from which a 95 % interval is meaningful."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BalanceOptions(MovingOptions):
-    """Options of `ident.balance`: where masses can be mounted, and the motion over which their effect is predicted."""
+    """Options of `ident.balance`: where masses can be mounted, and the motion for which their effect is predicted."""
 
     radius: dict[str, float] = option(
         {},
@@ -57,7 +57,7 @@ class BalanceOptions(MovingOptions):
     draws: int = option(400, "draws of what was identified", low=FEWEST_DRAWS, high=10_000)
 
     def problems(self) -> list[Problem]:
-        """Refuse sizes that nothing has, and too few holes to hold a mass at any angle."""
+        """Refuse impossible sizes, and too few holes for a mass at any angle."""
         sizes, above = ("radius", "most", "rotor"), "a number above 0"
         bad = [(name, x, above) for name in sizes for x in getattr(self, name).values() if not 0 < x < 1e6]
         pattern = f"a whole number of at least {FEWEST}, so that two neighbouring holes hold a mass at any angle"
@@ -65,7 +65,7 @@ class BalanceOptions(MovingOptions):
         return [*super().problems(), *(Problem(name, f"{x:g}", expected, "correct it") for name, x, expected in bad)]
 
     def check_drives(self, drives: Collection[str]) -> None:
-        """Refuse what is said of a drive that the arm has not."""
+        """Refuse options for a drive that the arm does not have."""
         for name in BY_DRIVE:
             for given in getattr(self, name):
                 if given and given not in drives:
@@ -73,25 +73,25 @@ class BalanceOptions(MovingOptions):
                     raise refusal(name, f"the drive {one_line(given)}", f"one of {', '.join(drives)}", remedy)
 
     def of_drive(self, name: str, drive: str, default: float | None = None) -> Any:
-        """Return what an option says of a drive."""
+        """Return the value of an option for a drive."""
         given: Mapping[str, float] = getattr(self, name)
         return given.get(drive, given.get("", default))
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class BalanceResult(Result):
-    """Masses that balance the drives' rotors, and what they leave of the vibration.
+    """Masses that balance the drives' rotors, and the remaining vibration.
 
-    Its table has a row for each mass: drive, mass [kg] and its standard deviation, radius [m], angle [rad], hole,
-    standard deviations of all that is mounted on the drive; and one without these for each rotor that gets none. Its
+    The table has a row for each mass: drive, mass [kg] and its standard deviation, radius [m], angle [rad], hole, and
+    standard deviations of the whole correction of the drive; a rotor without correction has one row without these. The
     figure shows the vibration before and after, and each rotor with its imbalance and its masses.
 
     Attributes:
         found: rotors, corrections, vibration before and after.
-        values: what was identified.
-        options: what was asked for.
-        left: share of the vibration's peak that is left [-]: median and 95 % interval.
-        imbalance_left: the same of what imbalance makes [-].
+        values: the identified numbers.
+        options: the options of the call.
+        left: remaining share of the vibration's peak [-]: median and 95 % interval.
+        imbalance_left: the same for the vibration from imbalance [-].
     """
 
     found: "Balance"
@@ -109,7 +109,7 @@ class BalanceResult(Result):
 
     @classmethod
     def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the result of ident source, which names its arm, and the path."""
+        """Return the result file of `ident source`, which names its arm, and the path."""
         return {name: path for name, path in inputs.items() if name != "arm"}
 
     @property
@@ -125,7 +125,7 @@ def balance(
     *,
     path: "Log | str | Path | None" = None,
 ) -> BalanceResult:
-    """Balance the drives' rotors: masses, angles, and what is left of the vibration.
+    """Balance the drives' rotors: masses [kg], angles [rad], and the remaining vibration [m].
 
     Args:
         source: a result of `ident.source`, or its file.
@@ -133,7 +133,7 @@ def balance(
         path: a joint path to follow instead of the stroke, or its file.
 
     Raises:
-        InputError: no such result, or one that is not usable; a drive without a radius, a motion out of limits.
+        InputError: no such result, or an unusable one; a drive without a radius; a motion beyond its limits.
         ModelError: the arm collapses.
     """
     from ident.arm.multibody import IMBALANCE
@@ -160,7 +160,7 @@ def balance(
 
 
 def _numbers(record: Any, asked: Mapping[str, float]) -> dict[str, float]:
-    """Return the numbers that are set: those with which the sources were identified, and what is asked for besides."""
+    """Return the set numbers: those under which the sources were identified, and those of the options."""
     bad = []
     before = {path: x for path, x in record.options.set.items() if path not in record.parameters}
     for path, x in asked.items():
@@ -176,7 +176,7 @@ def _numbers(record: Any, asked: Mapping[str, float]) -> dict[str, float]:
 
 
 def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tuple[ArmFile, Any, Values]":
-    """Return the arm that a result of `ident source` is of, the result, and the first of its draws."""
+    """Return the arm of a result of `ident source`, the result, and the first of its draws."""
     from ident.arm.multibody import IMBALANCE
     from ident.identify.values import Values
     from ident.studies.cause.source import SourceResult
@@ -215,7 +215,7 @@ def pulley_of(drive: "Drive", arm: "Arm", options: BalanceOptions) -> "Pulley":
     """Return where masses can be mounted on a drive.
 
     Raises:
-        InputError: no radius is given, and no belt runs over a pulley of it.
+        InputError: no radius is given, and the drive has no pulley with a belt.
     """
     from ident.studies.cure.balance_study import Pulley
 

@@ -1,4 +1,4 @@
-"""Each rotor with its imbalance and the masses that balance it."""
+"""Each rotor with its imbalance and its balancing masses."""
 
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from ident.studies.cause.source_figure import COMPUTED, MEASURED
 
 
 def balance_figure(balance: "Balance") -> Figure:
-    """Draw the vibration before and after in the direction of its peak, and the rotors with what is mounted."""
+    """Draw the vibration before and after in the direction of its peak, and the rotors with their masses."""
     shown = [each for each in balance.rotors if each.told]
     figure = titled((8.0, 5.4), f"Balancing the drives: {cut(balance.basis.arm.name, 40)}")
     grid = figure.add_gridspec(2, max(3, len(shown)), height_ratios=(1.0, 1.15))

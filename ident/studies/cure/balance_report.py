@@ -1,4 +1,4 @@
-"""Balancing of the drives' rotors: what is said of it, and its rows for programs."""
+"""The report of balancing the drives' rotors, and its table."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from ident.studies.cure.balance_study import Balance, Calibration, Rotor
 
 GRAM_MM = 1e6
-"""g mm in a kg m."""
+"""g mm in one kg m."""
 TRY = "mount it, measure, name it in the column trial: ident source {runs} --arm {arm}"
-"""What verifies mark, sense and model."""
+"""Verification of mark, sense of rotation and model."""
 
 
 def balance_sections(balance: "Balance") -> Report:
-    """Return all that is said of balancing."""
+    """Return the report of balancing."""
     return Report(
         f"Balancing of {subject(balance.basis)}",
         _verdict(balance),
@@ -67,7 +67,7 @@ def _verdict(balance: "Balance") -> Verdict:
 
 
 def needs_words(rotor: "Rotor") -> str:
-    """Say which mass a rotor needs that does not fit."""
+    """Say which mass a rotor needs if it does not fit."""
     mass, pulley = 1e3 * max(body.mass for body in rotor.bodies), rotor.pulley
     needed = f"{mass:.3g} g at {MM * pulley.radius:g} mm"
     return f"{rotor.drive.name} needs {needed}, above the {1e3 * pulley.most:g} g allowed"
@@ -129,7 +129,7 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
         name, calibration = each.drive.name, each.calibration
         if each.state == "does not fit":
             mass = max(body.mass for body in each.bodies)
-            radius = np.ceil(MM * each.pulley.radius * mass / each.pulley.most)  # a smaller one needs too much
+            radius = np.ceil(MM * each.pulley.radius * mass / each.pulley.most)  # a smaller radius needs too much
             remedy = f"mount at {radius:.0f} mm (--radius {name}={radius:.0f}), or allow more (--most)"
             yield Finding(needs_words(each), remedy)
         if calibration.trials > 1 and not calibration.state:
@@ -207,7 +207,7 @@ def _details(balance: "Balance") -> Iterator[Section]:
 
 
 def balance_rows(balance: "Balance") -> list[dict[str, Any]]:
-    """Return a row for each mass [SI], and one for each rotor that gets none: mass, angle and hole are NaN."""
+    """Return a row for each mass [SI], and one for each rotor without correction: mass, angle and hole are NaN."""
     rows = list[dict[str, Any]]()
     for each in balance.rotors:
         state, place = _state(balance, each), {"radius": each.pulley.radius, "height": each.pulley.height}

@@ -1,12 +1,12 @@
-"""Balance the drives' rotors: which mass goes where, how sure that is, and what is left of the vibration.
+"""Balance the drives' rotors: masses and their places, how certain they are, and the remaining vibration.
 
-An imbalance is a complex number U = m_e e exp(i psi) [kg m]: psi counts about the joint's axis at joint angle 0, as
-`arm.parts.Drive` has it. A body of mass m at radius r and angle chi adds m r exp(i chi), so U + w = 0 balances a rotor
-whichever way it turns: the body sits opposite the imbalance, at psi + 180 degrees. Where trial masses have shown that a
-body acts as f times what is stated (a mark that is turned, a scale that is wrong, a model that responds otherwise),
-U + f w = 0. The vibration is linear in each U (see `vibrate.simulate`, "Superposition"), so what is left follows from
-the responses to unit imbalances at the rotor's own height, and at that of the correction: their difference is what the
-couple makes.
+An imbalance is a complex number U = m_e e exp(i psi) [kg m]: psi counts about the joint's axis at joint angle 0, as in
+`arm.parts.Drive`. A body of mass m at radius r and angle chi adds m r exp(i chi), so U + w = 0 balances a rotor for
+either sense of rotation: the body sits opposite the imbalance, at psi + 180 degrees. If trial masses show that a body
+acts as f times the stated one (a turned mark, a wrong scale, a model that responds differently), U + f w = 0. The
+vibration is linear in each U (see `vibrate.simulate`, "Superposition"), so the remaining vibration follows from the
+responses to unit imbalances at the rotor's height and at the height of the correction; their difference is the effect
+of the couple.
 
 References:
     ISO 21940-11:2016, Mechanical vibration, Rotor balancing, Part 11: rotors with rigid behaviour (balance grades).
@@ -32,11 +32,11 @@ from ident.vibrate.simulate import fast_method
 from ident.vibrate.source_problem import LEVEL
 
 RATE = 200.0
-"""Samples a second: the peak of a vibration of 8 Hz is 0.8 % lower at most between two of them."""
+"""Sampling rate [Hz]: between two samples of an 8 Hz vibration, at most 0.8 % of its peak is missed."""
 UNIT, LIGHTEST = 1e-3, 1e-9
-"""Eccentricity [m] of a unit imbalance; and mass [kg] of a rotor that has none, which vibrates by nothing."""
+"""Eccentricity [m] of a unit imbalance; stand-in mass [kg] where a rotor has none, with negligible effect."""
 WORTH = 0.05
-"""Share of the vibration's peak that an imbalance makes at least, else it is left alone; assumed."""
+"""Least share of the vibration's peak at which an imbalance is corrected; assumed."""
 GRADES = (0.4, 1.0, 2.5, 6.3, 16.0, 40.0, 100.0, 250.0, 630.0, 1600.0, 4000.0)
 """Balance quality grades G [mm/s] of ISO 21940-11."""
 
@@ -48,16 +48,16 @@ def complex_least_squares(
 ) -> tuple[Complex[np.ndarray, "P K"], Float[np.ndarray, "K"]]:
     """Solve matrix x = values, each complex, by generalised least squares; the algebra of influence coefficients.
 
-    Coefficients: of trial masses (R, P) and what they change at a sensor. Corrections: of coefficients (sensors, P) and
-    the vibration, reversed.
+    Coefficients: from trial masses (R, P) and the changes at a sensor. Corrections: from coefficients (sensors, P) and
+    the negative vibration.
 
     Args:
         matrix: (R, P)
         values: (R, K), K problems.
-        covariance: of the values' real parts, then imaginary parts; those of all problems; None for equal variances.
+        covariance: of the values' real, then imaginary parts, the same for all problems; None for equal variances.
 
     Returns:
-        x (P, K), and chi-squared (K,) of what is left.
+        x (P, K), and chi-squared (K,) of the residuals.
 
     References:
         Goodman (1964), see above.
@@ -75,15 +75,15 @@ def complex_least_squares(
 
 @dataclass(frozen=True)
 class Calibration:
-    """How a stated mass acts on a drive: as f w, or as f times the conjugate of w where angles count the other way.
+    """Effect of a stated mass on a drive: f w, or f times the conjugate of w if angles count in the other sense.
 
     Attributes:
         draws: (D,) of f.
         mirrored: whether angles were counted in the other sense.
-        odd: trial masses that do not act as stated, or as the others.
-        state: empty where it is known; `one trial` that does not act as stated, or several of which a wrong mark and a
-            wrong sense explain the same; `contradicting` ones.
-        trials: how many the factor is from; 0 where it is 1 as stated.
+        odd: trial masses that do not act as stated, or not like the others.
+        state: empty if the effect is known; `one trial` that does not act as stated, or several that a wrong mark and a
+            wrong sense explain equally; `contradicting` ones.
+        trials: number of trials behind the factor; 0 where it is 1 as stated.
     """
 
     draws: Complex[np.ndarray, "D"]
@@ -98,22 +98,22 @@ class Calibration:
         return complex(self.draws.mean())
 
     def acts(self, mass: complex) -> Complex[np.ndarray, "D"]:
-        """Return draws of what a stated imbalance does [kg m]."""
+        """Return draws of the effect of a stated imbalance [kg m]."""
         return self.draws * (np.conj(mass) if self.mirrored else mass)
 
     def against(self, imbalance: Complex[np.ndarray, "*D"], factor: Complex[np.ndarray, "*D"]) -> np.ndarray:
-        """Return what must be mounted, as stated, against an imbalance [kg m]."""
+        """Return the stated correction against an imbalance [kg m]."""
         wanted = -imbalance / factor
         return np.asarray(np.conj(wanted) if self.mirrored else wanted)
 
 
 def calibrated(tried: Sequence[Tried], count: int) -> Calibration:
-    """Return how stated masses act on a drive, as all that were tried on it tell.
+    """Return how stated masses act on a drive, from all trial masses on it.
 
-    Trial masses at the same angle, or opposite ones, fit a wrong mark as well as a wrong sense.
+    For trial masses at the same or opposite angles, a wrong mark and a wrong sense fit equally well.
 
     Args:
-        tried: trial masses on that drive; those that tell nothing do not count.
+        tried: trial masses on that drive; uninformative ones do not count.
         count: draws D.
     """
     tried = [each for each in tried if each.told]
@@ -147,12 +147,12 @@ class Pulley:
 
     Attributes:
         radius: [m] of the bodies' mass centres from the axis.
-        height: [m] of the same above the bushing.
+        height: [m] of their mass centres above the bushing.
         most: [kg] at one place.
         rotor: [kg] mass of the rotor, for its balance grade.
-        holes: how many are around it; 0 where a body may sit at any angle.
-        first: [rad] angle of hole 1, counted as phases are.
-        assumed: what that mass of the rotor is taken from; empty where it was given.
+        holes: number of holes around the pulley; 0 if a body may sit at any angle.
+        first: [rad] angle of hole 1, counted like phases.
+        assumed: source of the rotor's mass; empty if it was given.
     """
 
     radius: float
@@ -164,7 +164,7 @@ class Pulley:
     assumed: str = ""
 
     def split(self, wanted: complex) -> "tuple[Body, ...]":
-        """Return the bodies that make an imbalance [kg m]: one, or in the two holes to both sides of it."""
+        """Return the bodies that realise an imbalance [kg m]: one, or two in the neighbouring holes."""
         mass, angle = abs(wanted) / self.radius, float(np.angle(wanted)) % (2 * np.pi)
         if not self.holes:
             return (Body(mass, angle),)
@@ -186,7 +186,7 @@ class Body:
     Attributes:
         mass: [kg]
         angle: [rad] from 0 to 2 pi.
-        hole: its number, from 1; 0 where there are none.
+        hole: its number, from 1; 0 without holes.
     """
 
     mass: float
@@ -196,19 +196,19 @@ class Body:
 
 @dataclass(frozen=True)
 class Rotor:
-    """A drive's imbalance, and what balances it.
+    """A drive's imbalance and its correction.
 
     Attributes:
         drive: the drive.
         pulley: where a correction can be mounted.
         found: [kg m] the imbalance.
-        draws: (D,) of that.
-        told: whether the runs tell it.
-        sd: of its size, as a share of it.
+        draws: (D,) of the imbalance.
+        told: whether the runs determine it.
+        sd: of its size, relative.
         repeats: [rad] standard deviation of its phase between phase groups, beyond their errors; NaN with one group.
-        calibration: how a stated mass acts.
-        speed: [Hz] at which the pulley turns at most.
-        makes: [m] peak of the vibration that the imbalance makes alone.
+        calibration: effect of a stated mass.
+        speed: [Hz] largest rotation frequency of the pulley.
+        makes: [m] peak of the vibration from this imbalance alone.
         share: of the whole vibration's peak.
     """
 
@@ -231,13 +231,13 @@ class Rotor:
 
     @cached_property
     def wanted_sd(self) -> tuple[float, float]:
-        """Standard deviations of its size, as a share of it, and of its angle [rad]."""
+        """Relative standard deviation of its size, and standard deviation of its angle [rad]."""
         off = self.calibration.against(self.draws, self.calibration.draws) / self.wanted
         return float(off.real.std()), float(off.imag.std())
 
     @cached_property
     def masses_sd(self) -> Float[np.ndarray, "B"]:
-        """Standard deviation of each body's mass [kg]: what the draws ask for in the same places."""
+        """Standard deviation of each body's mass [kg]: over the draws, in the same places."""
         ways = np.exp(1j * np.array([body.angle for body in self.bodies]))
         wanted = self.calibration.against(self.draws, self.calibration.draws) / self.pulley.radius
         places, asked = np.stack([ways.real, ways.imag]), np.stack([wanted.real, wanted.imag])
@@ -245,17 +245,17 @@ class Rotor:
 
     @property
     def bodies(self) -> tuple[Body, ...]:
-        """What is mounted, or would have to be."""
+        """The bodies to mount, also if none is mounted."""
         return self.pulley.split(self.wanted)
 
     @property
     def most(self) -> float:
-        """Share of the whole vibration's peak that the imbalance makes; at most, where it is not told."""
+        """Share of the whole vibration's peak from this imbalance; its upper limit if not determined."""
         return self.share * (1.0 if self.told else 1 + LEVEL * self.sd)
 
     @property
     def state(self) -> str:
-        """What is to be done: `balance`, or why nothing is."""
+        """What to do: `balance`, or why nothing is done."""
         if self.most < WORTH:
             return "not worth it"
         if not self.told:
@@ -271,28 +271,28 @@ class Rotor:
 
     @property
     def couple(self) -> float:
-        """Couple that the correction leaves [kg m^2]: its imbalance times its height above the rotor's."""
+        """Couple that the correction leaves [kg m^2]: its imbalance times its height above the rotor."""
         return abs(self.wanted) * (self.pulley.height - float(self.drive.height)) if self.balanced else 0.0
 
     @property
     def left(self) -> Complex[np.ndarray, "D"]:
-        """Draws of the imbalance that is left [kg m]."""
+        """Draws of the remaining imbalance [kg m]."""
         return self.draws + self.calibration.acts(self.wanted) if self.balanced else self.draws
 
     def quality(self, imbalance: float) -> float:
-        """Return eccentricity times angular speed of an imbalance [kg m], in mm/s, as grades have it."""
+        """Return eccentricity times angular speed of an imbalance [kg m], in mm/s, as in balance grades."""
         return 1e3 * imbalance / self.pulley.rotor * 2 * np.pi * self.speed
 
 
 def grade(quality: float) -> float:
-    """Return the finest grade [mm/s] of ISO 21940-11 that an eccentricity times speed keeps; infinite for none."""
+    """Return the finest grade [mm/s] of ISO 21940-11 for an eccentricity times speed; infinite for none."""
     return next((each for each in GRADES if quality <= each * (1 + 1e-9)), np.inf)
 
 
 def repeatability(phase: Sequence[float], sd: Sequence[float]) -> tuple[float, float]:
     """Return mean turn against the first phase group, and standard deviation between groups beyond their errors [rad].
 
-    By the moments of a random effect.
+    Random-effects model, by the method of moments.
 
     References:
         DerSimonian, Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7(3), 1986.
@@ -306,10 +306,10 @@ def repeatability(phase: Sequence[float], sd: Sequence[float]) -> tuple[float, f
 
 
 def tried_in(record: Mapping[str, Any], count: int) -> Tried:
-    """Return what a result of `ident source` has of a trial mass, with the first of its draws.
+    """Return a trial mass from a result of `ident source`, with the first of its draws.
 
     Raises:
-        ValueError, TypeError, KeyError: it has something else.
+        ValueError, TypeError, KeyError: the record is malformed.
     """
     (a, b), (c, d) = record["stated"], record["factor"]
     drawn = np.asarray(record["draws"], float)[:, :count]
@@ -330,13 +330,13 @@ def rotor_of(
     """Return a drive's rotor with its imbalance, at its mean phase over the phase groups.
 
     Args:
-        basis: the motion, and draws of what was identified.
+        basis: the motion, and draws of the identified numbers.
         drive: the drive.
         pulley: where a correction can be mounted.
-        middle: numbers as identified, by path [SI].
-        row: what is known of its imbalance, a row of that result's table.
-        phases: of each drive's imbalance, and its standard deviation, in each phase group [rad].
-        tried: masses that were added for runs, on whatever drive.
+        middle: identified numbers, by path [SI].
+        row: its imbalance, a row of that result's table.
+        phases: of each drive's imbalance, with standard deviation, in each phase group [rad].
+        tried: masses added for runs, on any drive.
     """
     paths = [f"{drive.name}.{name}" for name in ("eccentric_mass", "eccentricity", "phase")]
     count = len(next(iter(basis.draws.values())))
@@ -360,7 +360,7 @@ def rotor_of(
     )
 
 
-# -------- What is left
+# Remaining vibration
 
 
 @dataclass(frozen=True)
@@ -370,14 +370,14 @@ class Balance:
     Attributes:
         basis: arm, motion and draws.
         rotors: of all drives.
-        tried: masses that were added for runs.
+        tried: masses added for runs.
         time: (T,) [s]
         before: (3, T) [m] vibration of the end point.
         after: (3, T) [m] with the corrections.
         peaks: (2, K) [m] peak before and after, by draws.
-        of_imbalance: (2, K) [m] that of what imbalance makes.
-        errors: [m] peak of what transmission errors make.
-        own: [m] peak of what the motion itself makes.
+        of_imbalance: (2, K) [m] the same for the vibration from imbalance.
+        errors: [m] peak of the vibration from transmission errors.
+        own: [m] peak of the vibration from the motion itself.
     """
 
     basis: Basis
@@ -393,38 +393,38 @@ class Balance:
 
     @property
     def balanced(self) -> tuple[Rotor, ...]:
-        """The rotors that get a correction."""
+        """The rotors with a correction."""
         return tuple(each for each in self.rotors if each.balanced)
 
     @property
     def left(self) -> Float[np.ndarray, "3"]:
-        """Share of the peak that is left: median, and 95 % interval."""
+        """Remaining share of the peak: median, and 95 % interval."""
         return np.quantile(self.peaks[1] / self.peaks[0], (0.5, 0.025, 0.975))
 
     @property
     def gains(self) -> bool:
-        """Whether the corrections do not make the peak larger, by the upper end of that interval."""
+        """Whether the corrections do not raise the peak, by the upper end of that interval."""
         return bool(self.left[2] <= 1)
 
     @property
     def imbalance_left(self) -> Float[np.ndarray, "3"]:
-        """The same of what imbalance makes."""
+        """The same for the vibration from imbalance."""
         return np.quantile(self.of_imbalance[1] / self.of_imbalance[0], (0.5, 0.025, 0.975))
 
 
 ARMS = 16
-"""Draws of the arm that are simulated: what is left depends on the imbalance's error, hardly on the stiffness's."""
+"""Simulated draws of the arm: the remaining vibration depends on the imbalance's error, hardly on the stiffness's."""
 
 
 @dataclass(frozen=True)
 class _Responses:
-    """What excites some arms (A), and what each unit of imbalance does to them.
+    """Excitation of some arms (A), and their responses to a unit imbalance.
 
     Attributes:
-        motion: (3, T, A) [m] what the motion itself makes.
-        errors: (3, T, A) [m] what transmission errors make.
-        units: (H, R, 3, T, 2, A) [m] by an imbalance of 1 kg m on each rotor, at 0 and 90 degrees, at its own height
-            and at that of its correction.
+        motion: (3, T, A) [m] response to the motion itself.
+        errors: (3, T, A) [m] response to transmission errors.
+        units: (H, R, 3, T, 2, A) [m] response to an imbalance of 1 kg m on each rotor, at 0 and 90 degrees, at its own
+            height and at that of its correction.
     """
 
     motion: np.ndarray
@@ -432,17 +432,17 @@ class _Responses:
     units: np.ndarray
 
     def imbalance(self, height: int, rotor: int, size: Complex[np.ndarray, "A"]) -> np.ndarray:
-        """Return what an imbalance [kg m] makes (3, T, A) [m]."""
+        """Return the response to an imbalance [kg m], (3, T, A) [m]."""
         cosine, sine = np.moveaxis(self.units[height, rotor], 2, 0)
         return np.asarray(cosine * size.real + sine * size.imag)
 
     def sums(self, rotors: Sequence[Rotor], found: np.ndarray, added: np.ndarray) -> list[np.ndarray]:
-        """Return the vibration before and after, then what imbalance makes before and after, (3, T, A) each [m].
+        """Return the vibration before and after, then its part from imbalance before and after, (3, T, A) each [m].
 
         Args:
             rotors: all of them.
             found: (R, A) [kg m] their imbalances.
-            added: (R, A) [kg m] what corrections do.
+            added: (R, A) [kg m] effect of the corrections.
         """
         before = sum((self.imbalance(0, k, z) for k, z in enumerate(found)), np.zeros(self.motion.shape))
         mounted = [self.imbalance(-1, k, z) for k, z in enumerate(added) if rotors[k].balanced]
@@ -452,13 +452,13 @@ class _Responses:
 
 
 def balanced(basis: Basis, rotors: Sequence[Rotor], tried: Sequence[Tried], middle: Mapping[str, float]) -> Balance:
-    """Predict what corrections leave of the vibration over a motion.
+    """Predict the vibration that corrections leave over a motion.
 
     Args:
         basis: with draws of the arm's numbers, as many as each rotor has of its imbalance.
-        rotors: of all drives, without what their imbalances make.
-        tried: masses that were added for runs.
-        middle: the arm's numbers as identified, by path [SI].
+        rotors: of all drives, without the vibration from their imbalances.
+        tried: masses added for runs.
+        middle: the arm's identified numbers, by path [SI].
 
     Raises:
         InputError: see `simulate`.
@@ -490,7 +490,7 @@ def balanced(basis: Basis, rotors: Sequence[Rotor], tried: Sequence[Tried], midd
 def _responses(
     arm: Arm, rotors: Sequence[Rotor], basis: Basis, solve: FastMethod, members: Mapping[str, Float[np.ndarray, "A"]]
 ) -> _Responses:
-    """Simulate arms: with all that excites, with nothing, with a unit imbalance of each rotor alone at each height."""
+    """Simulate arms: with all excitation, with none, and with a unit imbalance of each rotor alone at each height."""
     aside = any(each.pulley.height != float(each.drive.height) for each in rotors)
     still = dict.fromkeys((each.amplitude for each in possible_orders(arm)), 0.0)
     sets: list[dict[str, float]] = [{}, still]

@@ -1,4 +1,4 @@
-"""Cures that need no new part, the speed along the path and balancing; and pairs, where no single remedy is enough."""
+"""Cures without a new part, speed along the path and balancing; and pairs, where no single remedy is enough."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -26,21 +26,21 @@ from ident.studies.cure.remedies import (
 from ident.vibrate.schedule import Schedule, Scheduling
 
 SEGMENTS = 12
-"""Segments of the path, as `ident motion` has by default."""
+"""Segments of the path, the default of `ident motion`."""
 STEPS = 4
-"""Stiffnesses of a joint that are tried together with the speed along the path."""
+"""Stiffnesses of a joint tried together with the speed along the path."""
 SHARES = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.875, 0.9, 0.925, 0.95, 0.975)
-"""Frequency of an order of a pulley over the posture's first natural frequency, which are tried; assumed."""
+"""Tried ratios of a pulley order's frequency to the first natural frequency of the posture; assumed."""
 
 
 def cures(task: Task, scatter: float, rotors: Sequence[Rotor] = (), progress: Progress = iter) -> tuple[Remedy, ...]:
-    """Return what can be done, the best first; pairs as well where no single remedy meets the limit.
+    """Return the remedies, the best first; pairs too if no single remedy meets the limit.
 
     Args:
-        task: what is asked.
-        scatter: factor from the amplitude of the arm itself to what most of its draws keep.
+        task: the diagnosis.
+        scatter: factor from the amplitude of the arm itself to the amplitude that most of its draws keep.
         rotors: that can be balanced.
-        progress: shows how far it is, over the remedies without speeds along the path, balancing and pairs.
+        progress: shows progress over the remedies except speeds along the path, balancing and pairs.
     """
     found = single_remedies(task, scatter, progress)
     if path := along_path(task):
@@ -54,18 +54,18 @@ def cures(task: Task, scatter: float, rotors: Sequence[Rotor] = (), progress: Pr
 
 
 def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
-    """Return the quickest motion that meets the limit with a pulley below the first mode everywhere, else the quietest.
+    """Return the quickest motion that keeps pulley orders below the first mode and meets the limit, else the quietest.
 
-    v(alpha) = share f_1(alpha) / order, within the limits of alpha, where order is in cycles a radian: one number is
-    tried, where `ident motion` searches the speed at each place.
+    v(alpha) = share f_1(alpha) / order, within the limits of alpha, where order is in cycles per radian: only `share`
+    is varied, while `ident motion` searches the speed at each place.
 
     Args:
-        task: what is asked.
+        task: the diagnosis.
         other: a remedy that is carried out as well.
 
     Returns:
-        The remedy; None where no drive turns, each takes longer than the lowest speed, or a given path has corners or
-        joints without limits.
+        The remedy; None if no drive turns, if every motion takes longer than the lowest speed, or if a given path has
+        corners or joints without limits.
     """
     stroke, own = None if task.basis.log else task.basis.arm.stroke, task.basis.motion
     if not task.basis.arm.drives:
@@ -74,14 +74,14 @@ def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
     evaluator = replace(evaluator, draws=after.assessment_draws)
     retract, dwell = False, float(own.breaks[-1] - own.arrival)
     if stroke:
-        ends = np.asarray(stroke.direction, float) @ np.asarray(own(own.breaks[[0, -1]])[0])  # alpha grows with it
+        ends = np.asarray(stroke.direction, float) @ np.asarray(own(own.breaks[[0, -1]])[0])  # alpha grows along it
         retract = bool(ends[1] > ends[0]) == bool(stroke.folded > stroke.unfolded)
     basis = replace(after.basis, arm=evaluator.changed_arm(changes))
     try:
         search = scheduling_of(basis, stroke, segments=SEGMENTS, dwell=dwell, retract=retract)
-    except InputError:  # of a path that can't be gone at other speeds, or an arm that nothing excites
+    except InputError:  # a path that can't be followed at other speeds, or an arm without excitation
         return None
-    slowest = own.arrival / min(task.effort.speeds)  # what takes longer than the lowest speed is no cure
+    slowest = own.arrival / min(task.effort.speeds)  # longer than the lowest speed is no cure
     schedules = sorted(_below_first_mode(search), key=lambda each: each.duration)
     schedules = [each for each in schedules if each.duration <= slowest]
     if not schedules:
@@ -106,7 +106,7 @@ def _below_first_mode(search: Scheduling) -> Iterator[Schedule]:
 
 
 def balancing(task: Task, rotors: tuple[Rotor, ...]) -> Remedy:
-    """Return what masses on rotors bring; the size of that change is the largest mass over what fits."""
+    """Return the effect of masses on rotors; the size of that change is the largest mass over the mass that fits."""
     after = task.balanced(rotors)
     size = max(body.mass / rotor.pulley.most for rotor in rotors for body in rotor.bodies)
     evaluator = after.evaluator(draws=after.assessment_draws)
@@ -114,13 +114,13 @@ def balancing(task: Task, rotors: tuple[Rotor, ...]) -> Remedy:
 
 
 def pairs(task: Task, ranked: Sequence[Remedy]) -> Iterator[Remedy]:
-    """Yield the best remedies of two efforts together, the least effort first, up to a pair that meets the limit.
+    """Yield the best remedies of two efforts together, least effort first, up to a pair that meets the limit.
 
-    Where the speed along the path is one of them, the other is also a joint that is stiffer: the motion is as quick as
-    the first natural frequency is high, for which no part is chosen that is alone.
+    If the speed along the path is one of them, stiffer joints are tried as the other: the higher the first natural
+    frequency, the quicker the motion; a stiffness chosen alone does not account for that.
 
     Args:
-        task: what is asked.
+        task: the diagnosis.
         ranked: single remedies, the best first.
     """
     best = {effort: next((each for each in ranked if each.effort == effort), None) for effort in EFFORTS.values()}
@@ -141,7 +141,7 @@ def pairs(task: Task, ranked: Sequence[Remedy]) -> Iterator[Remedy]:
 
 
 def _stiffer(task: Task, template: Remedy) -> Iterator[Remedy]:
-    """Yield remedies in which that joint is made stiffer, step by step, which raises the first frequency most."""
+    """Yield remedies with a stiffer joint, step by step: the joint that raises the first frequency most."""
     every = task.evaluator(*task.torsion)
     raised = every.end_states(np.diag(every.bounds[1])).frequency
     variable = task.torsion[int(np.argmax(raised))]
@@ -152,7 +152,7 @@ def _stiffer(task: Task, template: Remedy) -> Iterator[Remedy]:
 
 
 def _both(task: Task, cheap: Remedy, dear: Remedy) -> Remedy:
-    """Return two remedies together, each as it was found alone."""
+    """Return two remedies together, each as chosen alone."""
     kind, rotors = cheap.kind + AND + dear.kind, (*cheap.rotors, *dear.rotors)
     both = replace(dear, values={**cheap.values, **dear.values}, percent=cheap.percent, rotors=rotors)
     after, evaluator, changes = carried_out(task, both)

@@ -1,4 +1,4 @@
-"""What to change on an arm so that it vibrates least, and what its vibration depends on most."""
+"""Parameter changes that minimise the vibration of an arm, and its sensitivities."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from ident.vibrate.variable import Variable
 
 TIGHTENED = 2
-"""Times that a limit is tightened for the search, until it is kept by the exact equations."""
+"""Largest number of times that a limit is tightened for the search, until the exact equations keep it."""
 OF_THE_SEARCH = ("change", "limit", "min_frequency", "max_deflection", "max_change", "no_curve")
-"""Options that sensitivities alone have no use for."""
+"""Options without meaning for sensitivities alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DesignOptions(AmplitudeOptions):
-    """Options of `ident.design`: what may be changed, what must be kept, over which motion, and how to search."""
+    """Options of `ident.design`: what may change, what must be kept, the motion, and the search."""
 
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     change: dict[str, ranges.Limits] = repeated(
@@ -66,7 +66,7 @@ class DesignOptions(AmplitudeOptions):
     seed: int = option(0, "seed of all that is drawn at random", low=0, high=1e18)
 
     def problems(self) -> list[Problem]:
-        """Refuse ranges that are none, and options of a search where there is none."""
+        """Refuse invalid ranges, and options of a search without a search."""
         problems = [*super().problems(), *ranges.problems("change", self.change, "WEIGHT")]
         for name in OF_THE_SEARCH if self.sensitivities else ():
             if getattr(self, name):
@@ -75,7 +75,7 @@ class DesignOptions(AmplitudeOptions):
 
     @property
     def required(self) -> "Requirements":
-        """What a design must keep [SI]."""
+        """Requirements of a design [SI]."""
         from ident.vibrate.design_search import Requirements
 
         deflection = inf if self.max_deflection is None else self.max_deflection / 1e3
@@ -84,15 +84,15 @@ class DesignOptions(AmplitudeOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class DesignResult(Result):
-    """The change that keeps a limit, or by which an arm vibrates least, or its sensitivities alone.
+    """The change that keeps a limit or minimises the vibration of an arm, or its sensitivities alone.
 
-    Its table has a row for each number [SI]: as it is and at best, and at which bound; or its sensitivities.
+    The table has a row for each number [SI]: present and best value, and the bound it reaches; or its sensitivities.
 
     Attributes:
-        study: what may be changed, on what, and what came out.
+        study: what may be changed, on which arm, and the result.
         text: the arm file with the changed numbers; empty without one.
-        options: what was asked for.
-        present: amplitude of the arm as it is, in x, y and z [m].
+        options: the options of the call.
+        present: amplitude of the present arm, in x, y and z [m].
     """
 
     study: "DesignStudy"
@@ -109,17 +109,17 @@ class DesignResult(Result):
 
     @property
     def name(self) -> str:
-        """The arm's name, its motion and what was computed."""
+        """Name of the arm, its motion and the computation."""
         return f"{self.study.basis.name}.{'sensitivities' if self.options.sensitivities else 'design'}"
 
     @property
     def values(self) -> Mapping[str, float]:
-        """The changed numbers by path [SI]; none where only sensitivities were computed."""
+        """The changed numbers by path [SI]; empty if only sensitivities were computed."""
         return self.study.design.best.values if self.study.design else {}
 
     @property
     def best(self) -> "Float[np.ndarray, '3'] | None":
-        """Amplitude of the changed arm, in x, y and z [m]; None where only sensitivities were computed."""
+        """Amplitude of the changed arm, in x, y and z [m]; None if only sensitivities were computed."""
         return self.study.design.best.amplitude if self.study.design else None
 
     @property
@@ -137,7 +137,7 @@ class DesignResult(Result):
         return self.study.basis.arm.replace(self.values)
 
     def figures(self) -> "dict[str, Figure]":
-        """Return the trade-off, "vibration" before and after, and "sensitivities"; or these alone."""
+        """Return the trade-off, "vibration" before and after, and "sensitivities"; or only the latter."""
         from ident.studies.cure.design_figure import before_after_figure, sensitivity_figure, trade_off_figure
 
         sensitivities = sensitivity_figure(self.study)
@@ -167,21 +167,21 @@ def design(
     posterior: "Values | SampleResult | str | Path | None" = None,
     progress: Progress = silent,
 ) -> DesignResult:
-    """Search the change of an arm's numbers, within bounds, by which it vibrates least, and verify it.
+    """Search the change of an arm's numbers, within bounds, that minimises its vibration, and verify it.
 
-    With a limit it is the least change that keeps it, if there is one; with a posterior besides, the one by which the
-    probability of exceeding the limit is least.
+    With a limit, it is the least change that keeps it, if there is one; with a posterior too, the change with the least
+    probability of exceeding the limit.
 
     Args:
-        arm: as it is; of an arm from a file, the numbers that are changed must be written there.
-        options: what may be changed, what must be kept, over which motion, and how to search.
+        arm: the present arm; if from a file, the changed numbers must be written there.
+        options: what may change, what must be kept, the motion, and the search.
         path: a joint path to follow instead of the stroke: a log, or its file.
-        fit: fitted values that the arm takes over: a result, or its file.
+        fit: fitted values for the arm: a result, or its file.
         posterior: draws of the arm's numbers: a sample, or its file; chosen draws all serve the search.
-        progress: shows how far it is, over starts, groups of sensitivities and batches of draws.
+        progress: shows progress over starts, groups of sensitivities and batches of draws.
 
     Raises:
-        InputError: no such number, bounds that can't be, or a motion that the arm can't carry out.
+        InputError: an unknown number, impossible bounds, or a motion that the arm can't carry out.
         ModelError: no design within the bounds meets the requirements, or the arm collapses.
     """
     from ident.studies.cure.design_study import DesignStudy
@@ -209,7 +209,7 @@ def design(
     each = sensitivities(evaluator, progress=progress("sensitivities"))
     unseen = basis.drawn(fresh, seed=1) if fresh else None
     checks, aim = verify(evaluator, best.best, best.limit, unseen, progress("verification")), best.limit
-    for _ in range(TIGHTENED):  # where the fast method is wrong by more than the margin of the least change
+    for _ in range(TIGHTENED):  # if the fast method is wrong by more than the margin of the least change
         largest = float(checks.after.amplitude.max())
         if aim is None or best.limit is None or best.minimum_change is None or largest <= best.limit:
             break

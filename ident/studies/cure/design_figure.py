@@ -1,4 +1,4 @@
-"""What a design changes, what it gains, and which numbers the vibration depends on."""
+"""Changes of a design, their effect, and the sensitivities of the vibration."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ident.vibrate.sweep import Sensitivities
 
 WIDTH = 8.0
-"""Of a figure [inch]."""
+"""Width of a figure [inch]."""
 COLORS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "black", GREY)
 MARKS: dict[str, Style] = {
     "present": {"marker": "o", "color": GREY, "markersize": 8},
@@ -51,7 +51,7 @@ LIMIT: Style = {"color": "black", "linewidth": 0.9, "linestyle": ":"}
 
 
 def trade_off_figure(study: DesignStudy) -> Figure:
-    """Draw the least largest amplitude over the change norm, and what is changed at each norm."""
+    """Draw the least maximum amplitude over the change norm, and the changes at each norm."""
     design = study.design
     if design is None:
         raise ValueError("no design to draw")
@@ -83,7 +83,7 @@ def before_after_figure(study: DesignStudy) -> Figure:
 
 
 def _before_after(axes: Axes, study: DesignStudy, checks: "Verification", i: int) -> bool:
-    """Draw one direction, and return whether the limit was drawn, too: elsewhere it would flatten the curves."""
+    """Draw one direction, and return whether the limit was drawn: elsewhere it would flatten the curves."""
     plain(axes, grid=True)
     for check, style in ((checks.before, BEFORE), (checks.after, AFTER)):
         axes.plot(check.time, MM * check.vibration[i], **style)
@@ -100,7 +100,7 @@ def _before_after(axes: Axes, study: DesignStudy, checks: "Verification", i: int
 
 
 def _curve(axes: Axes, study: DesignStudy, design: "Design") -> None:
-    """Draw the curve, the limit and the places that have a name."""
+    """Draw the curve, the limit and the named points."""
     amounts, sizes = [place.change_norm for place in design.curve], [MM * place.largest for place in design.curve]
     axes.plot(amounts, sizes, color=BLUE, linewidth=1.4, marker=".", markersize=5, zorder=3)
     handles = []
@@ -121,7 +121,7 @@ def _curve(axes: Axes, study: DesignStudy, design: "Design") -> None:
 
 
 def _bars(axes: Axes, design: "Design") -> None:
-    """Draw by how much each number is changed at each change norm: as a factor, or as a share of the widest change."""
+    """Draw the change of each number at each change norm: as a factor, or as a share of the widest change."""
     variables, places = design.evaluator.variables, list(_changed(design))
     spans = np.array([variable.span(design.evaluator.arm) for variable in variables])
     by_factor = not any(variable.shifted for variable in variables)
@@ -162,7 +162,7 @@ def _named(design: "Design") -> Iterator[tuple[str, "Place"]]:
 
 
 def _changed(design: "Design") -> Iterator[tuple[str, "Place"]]:
-    """Yield the places whose changes are drawn, ascending, each with its label."""
+    """Yield the points whose changes are drawn, ascending, each with its label."""
     _, *named = _named(design)
     places = [("", one) for one in design.curve[1:-1] if all(one is not place for _, place in named)] + named
     if abs(design.curve[-1].change_norm - design.best.change_norm) > 1e-9:
@@ -172,10 +172,10 @@ def _changed(design: "Design") -> Iterator[tuple[str, "Place"]]:
 
 
 # -------- Sensitivity
-# Figure of sensitivities: by how many percent the amplitude changes with each number, as bars with bands.
+# Figure of sensitivities: percent of amplitude per percent of each number, as bars with bands.
 
 MOST = 16
-"""Numbers that are shown."""
+"""Numbers shown at most."""
 
 
 def sensitivity_figure(study: DesignStudy) -> Figure:
@@ -186,7 +186,7 @@ def sensitivity_figure(study: DesignStudy) -> Figure:
 
 
 def sensitivities_drawn(each: "Sensitivities", title: str, words: str, draws: int = 0) -> Figure:
-    """Draw sensitivities, with a title and a note below, and with 5 to 95 % of the draws where there are any."""
+    """Draw sensitivities, with a title and a note below, and with 5 to 95 % of the draws if there are any."""
     shown = each.order[:MOST]
     figure = titled((9.0, 0.24 * len(shown) + 1.9), title, (0.06, 0.08))
     grid = figure.subplots(1, len(DIRECTIONS), sharey=True)
@@ -211,7 +211,7 @@ def sensitivities_drawn(each: "Sensitivities", title: str, words: str, draws: in
 
 
 def _direction(axes: Axes, each: "Sensitivities", d: int, shown: list[int], draws: int) -> None:
-    """Draw bars with bands, each number beyond the end of both: beside strong ones, weak bars can't be read."""
+    """Draw bars with bands, each number beyond the end of both: weak bars next to strong ones can't be read."""
     values, places = each.elasticity[shown, d], np.arange(len(shown))
     color, unsure = np.where(values < 0, BLUE, ORANGE), each.unsure[shown, d]
     axes.barh(places, values, height=0.62, color=np.where(unsure, "white", color), edgecolor=color, zorder=2)
@@ -232,7 +232,7 @@ def _direction(axes: Axes, each: "Sensitivities", d: int, shown: list[int], draw
             fontsize=7,
         )
     low, high = min(ends.min(), 0.0), max(ends.max(), 0.0)
-    room = 0.24 * (high - low) or 1.0  # of a direction in which nothing vibrates
+    room = 0.24 * (high - low) or 1.0  # a direction without vibration
     axes.set(xlim=(low - room, high + room))
     axes.axvline(0, color=GREY, linewidth=0.8, zorder=1)
     plain(axes, left=False)

@@ -1,4 +1,4 @@
-"""A design, or sensitivities alone: what is said of it, its rows for programs, and the changed arm file."""
+"""The report of a design or of sensitivities alone, its table, and the changed arm file."""
 
 import math
 from collections.abc import Iterator
@@ -20,22 +20,22 @@ from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import NEARBY, Sensitivities
 
 STRONGEST = 12
-"""Sensitivities that are listed of many."""
+"""Sensitivities listed at most."""
 UNSURE = "~"
-"""Marks a sensitivity whose sign is another for nearby arms."""
+"""Mark of a sensitivity whose sign differs for nearby arms."""
 RISE = 0.05
-"""Share from which on it is said that a direction vibrates more."""
+"""Relative increase from which a direction is reported to vibrate more."""
 NEAR_LIMIT = 0.5
-"""Share of the limit from which on such a direction is part of the verdict; assumed."""
+"""Share of the limit from which such a direction is part of the verdict; assumed."""
 
 
 def design_sections(study: DesignStudy) -> Report:
-    """Return all that is said of a design, or of sensitivities alone."""
+    """Return the report of a design, or of sensitivities alone."""
     return _sensitivities_alone(study) if study.design is None else _design(study, study.design)
 
 
 def risen(before: np.ndarray, after: np.ndarray, limit: float | None) -> list[str]:
-    """Say which directions vibrate more after a change [m]; with a limit [m] those that come near it by that."""
+    """Name directions that vibrate more after a change [m]; with a limit [m] those that come near it by that."""
     return [
         f"{d} rises by {100 * (b / a - 1):.0f} %, from {mm(a)} to {mm(b)} mm"
         for d, a, b in zip(DIRECTIONS, before, after, strict=True)
@@ -83,7 +83,7 @@ def sensitivity_table(each: Sensitivities, most: int = STRONGEST, draws: int = 0
 
 
 def unsure_words(draws: int = 0) -> str:
-    """Say what is marked where the sign of a sensitivity is another for nearby arms."""
+    """Explain the mark of a sensitivity whose sign differs for nearby arms."""
     if draws:
         return f"sign uncertain: it is opposite for more than 5 % of the {draws} draws"
     share = f"{100 * NEARBY:g} %"
@@ -107,7 +107,7 @@ def _design(study: DesignStudy, design: Design) -> Report:
 
 
 def _verdict(study: DesignStudy, design: Design) -> Verdict | None:
-    """Judge a design by whether the exact equations keep the limit; without a limit nothing."""
+    """Judge a design by whether the exact equations keep the limit; None without a limit."""
     if design.limit is None:
         return None
     largest, chance, least = design.best.largest, "", design.minimum_change
@@ -145,7 +145,7 @@ def _next(study: DesignStudy, design: Design, verdict: Verdict | None) -> str:
 
 
 def _findings(study: DesignStudy, design: Design) -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
+    """Yield the findings that affect the verdict, most important first."""
     bounds = [
         f"{cut(variable.name, 40)} ({at} bound)"
         for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True)
@@ -167,7 +167,7 @@ def _findings(study: DesignStudy, design: Design) -> Iterator[Finding]:
 
 
 def _changes(study: DesignStudy, design: Design) -> Table:
-    """Return each number that is changed, as it is and after the change."""
+    """Return each changed number, before and after."""
     arm, rows = study.basis.arm, []
     for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True):
         low, high = (change_in_words(variable, end) for end in variable.span(arm))
@@ -183,7 +183,7 @@ def _changes(study: DesignStudy, design: Design) -> Table:
 
 
 def _effect(study: DesignStudy, design: Design) -> Table:
-    """Return what the change does to vibration, first frequency and deflection."""
+    """Return the effect of the change on vibration, first frequency and deflection."""
     before, after, measure = design.present, design.best, study.evaluator.measure
     rows: list[tuple[Cell, ...]] = [
         (f"{measure} in {d} [mm]", mm(a), mm(b), f"{100 * (b / a - 1):+.1f} %" if a else "")
@@ -247,7 +247,7 @@ def _optima(study: DesignStudy, design: Design) -> Section:
 
 
 def _curve(design: Design) -> Iterator[Section]:
-    """Yield the least largest amplitude by how much is changed: a column for each size of change."""
+    """Yield the least maximum amplitude over the size of the change, one column a size."""
     if len(design.curve) <= 2:
         return
     rows: list[tuple[Cell, ...]] = [("largest [mm]", *(mm(place.largest) for place in design.curve))]
@@ -284,11 +284,11 @@ def _verification(study: DesignStudy, design: Design) -> Iterator[Section]:
 
 
 def design_rows(study: DesignStudy) -> list[dict[str, Any]]:
-    """Return a row for each number that may be changed [SI]; without a design, for each sensitivity.
+    """Return a row for each number that may change [SI]; without a design, for each sensitivity.
 
-    Of a design: the number as it is, at best, and by the minimum change. Of sensitivities, the strongest first: percent
-    of amplitude per percent of the number in x, y and z; `unsure` names the directions in which the sign is another for
-    nearby arms.
+    For a design: the number at present, at best, and for the minimum change. For sensitivities, the strongest first:
+    percent of amplitude per percent of the number in x, y and z; `unsure` names the directions in which the sign
+    differs for nearby arms.
     """
     design, known = study.design, study.sensitivities
     if design is None:
@@ -309,6 +309,6 @@ def design_rows(study: DesignStudy) -> list[dict[str, Any]]:
 
 
 def write_arm(text: str, note: str, path: Path) -> None:
-    """Write an arm file whole or not at all, with a note above it."""
+    """Write an arm file completely or not at all, with a note at its top."""
     whole = f"# {one_line(note)}\n{text}"
     replace_file(path, lambda file: file.write(whole.encode("utf-8")), make_folders=True)

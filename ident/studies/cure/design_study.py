@@ -1,4 +1,4 @@
-"""A design as it is reported: what report, files and figures have in common."""
+"""A design as report, files and figures share it."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,21 @@ from ident.vibrate.sweep import Sensitivities
 from ident.vibrate.variable import Variable
 
 AT_BOUND = 1e-3
-"""Distance from a bound, of the way between both, that is none."""
+"""Distance from a bound, relative to the range, that counts as at the bound."""
 SAME = 1e-3
-"""Difference of largest amplitudes, as a share, and of changes, of the way between the bounds, that is none."""
+"""Differences that count as equal: relative, of largest amplitudes; relative to the range, of changes."""
 
 
 @dataclass(frozen=True)
 class DesignStudy:
-    """What may be changed, on what, and what came out.
+    """What may be changed, on which arm, and the result.
 
     Attributes:
-        basis: the arm as it was simulated, its motion and the draws of the search.
+        basis: the simulated arm, its motion and the draws of the search.
         evaluator: the same with the variables, as it is simulated.
-        sensitivities: of the arm as it is.
-        design: what is best; None where only the sensitivities are wanted.
-        verification: of the best.
+        sensitivities: of the present arm.
+        design: the best design; None if only the sensitivities are wanted.
+        verification: of the best design.
         starts: of the search.
     """
 
@@ -39,7 +39,7 @@ class DesignStudy:
 
     @property
     def limit(self) -> float | None:
-        """What the amplitude should not exceed [m]."""
+        """Limit of the amplitude [m]."""
         return self.design.limit if self.design else None
 
     @property
@@ -49,7 +49,7 @@ class DesignStudy:
 
 
 def same(design: Design) -> int:
-    """Return how many starts have led to the minimum amplitude."""
+    """Return how many starts led to the minimum amplitude."""
     spans = np.array([variable.span(design.evaluator.arm) for variable in design.evaluator.variables])
     width, first = spans[:, 1] - spans[:, 0], design.optima[0]
     return sum(
@@ -59,7 +59,7 @@ def same(design: Design) -> int:
 
 
 def bound_of(arm: Arm, variable: Variable, change: float) -> str:
-    """Say at which bound a change is; empty if at none, or if nothing is changed."""
+    """Name the bound that a change reaches; empty if none, or if nothing changes."""
     low, high = variable.span(arm)
     near = AT_BOUND * (high - low)
     if abs(change) < near:
@@ -68,10 +68,10 @@ def bound_of(arm: Arm, variable: Variable, change: float) -> str:
 
 
 def unchanged(place: Place) -> bool:
-    """Tell whether a design is the arm as it is, but for rounding."""
+    """Whether a design is the present arm, within rounding."""
     return place.change_norm < SAME
 
 
 def keeps(place: Place, limit: float) -> bool:
-    """Tell whether a design keeps a limit."""
+    """Whether a design keeps a limit."""
     return place.largest <= limit

@@ -1,4 +1,4 @@
-"""Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
+"""Find out whether an arm vibrates too much, and which change meets the limit: from a campaign to advice."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -39,27 +39,27 @@ if TYPE_CHECKING:
 
 
 # -------- Diagnose stages
-# The stages of a diagnosis: `carry_out` has them in order.
+# The stages of a diagnosis, in the order of `carry_out`.
 
 V = TypeVar("V")
-"""The value of a stage."""
+"""Value of a stage."""
 OnStage = Callable[["StageReport"], None]
 CHAINS = "chains"
-"""Folder of the sampler's chains within that of the stages."""
+"""Folder of the sampler's chains, in the folder of the stages."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What a diagnosis is made from.
+    """Input of a diagnosis.
 
     Attributes:
         arm: the arm.
         campaign: the measurements.
-        options: the limit, the motion, and what is unknown of the arm.
+        options: the limit, the motion, and the unknowns of the arm.
         log: the joint path, if one is replayed.
         runs: traces of the moving arm, if there are any.
-        folder: where finished stages are kept; None for nowhere.
-        progress: shows how far each stage is.
+        folder: stores finished stages; None to store nothing.
+        progress: shows the progress of each stage.
     """
 
     arm: "ArmFile"
@@ -72,7 +72,7 @@ class Job:
 
     @property
     def identity(self) -> dict[str, str]:
-        """What the stages depend on; by values, so that a file may move."""
+        """What the stages depend on; by values, so that files may be moved."""
         from importlib.metadata import version
 
         from ident.codec import value_digest
@@ -89,7 +89,7 @@ class Job:
 
 
 def discard_stages(folder: str | Path) -> None:
-    """Remove the stages that a diagnosis has kept in a folder, and the folder if nothing else is in it.
+    """Remove the stored stages of a diagnosis from a folder, and the folder if nothing else is in it.
 
     Raises:
         InputError: another run is at work there.
@@ -104,7 +104,7 @@ def discard_stages(folder: str | Path) -> None:
 
 
 def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
-    """Carry out the stages in order; each is computed from those before or taken over from an earlier run, and kept."""
+    """Carry out the stages in order; compute each from those before, or load it from an earlier run, and store it."""
     from ident.identify.compare import Validation
     from ident.studies.cure.cures import cures
     from ident.studies.cure.diagnose_report import (
@@ -183,7 +183,7 @@ def _identified(job: Job) -> "Identification":
 
 
 def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
-    """Identify what excites the arm from its runs; what they do not tell stays at the posterior's median."""
+    """Identify the sources of the arm from its runs; undetermined numbers stay at the posterior's median."""
     import numpy as np
 
     from ident.arm.multibody import possible_orders
@@ -199,14 +199,14 @@ def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
     middle = {path: np.full(count, value) for path, value in known.medians.items()}
     drawn = {**middle, **study.found.draws(count, options.seed)}
     balance = _balanced(job, study, drawn)
-    if len(study.found.place.parts) > 1:  # each group has phases of its own, and so has the next motion
+    if len(study.found.place.parts) > 1:  # each group has phases of its own, and so will the next motion
         phases = {each.phase for each in possible_orders(arm)}
         drawn = {path: values for path, values in drawn.items() if path not in phases}
     return Excited(study, _task(job, _values(job, drawn)), balance)
 
 
 def _balanced(job: Job, study: "SourceStudy", drawn: "Mapping[str, Any]") -> "Balance | None":
-    """Balance the drives' rotors, with masses where `ident balance` has them by default."""
+    """Balance the drives' rotors, with masses at the default places of `ident balance`."""
     from ident.arm.multibody import IMBALANCE
     from ident.studies.cure.balance_study import balanced, rotor_of
 
@@ -248,11 +248,11 @@ def _task(job: Job, draws: "Values") -> "Task":
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseOptions(FitOptions, HeldMotionOptions):
-    """Options of `ident.diagnose`: the limit, the motion, and what is unknown of the arm.
+    """Options of `ident.diagnose`: the limit, the motion, and the unknowns of the arm.
 
     Attributes:
-        effort: how much is computed; no flag of the command.
-        force: of no use here, as nothing is taken over; no flag of the command.
+        effort: amount of computation; no flag of the command.
+        force: without effect here, as no fit is taken over; no flag of the command.
     """
 
     refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
@@ -274,7 +274,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
     @classmethod
     def restored(cls, recorded: Mapping[str, Any]) -> Self:
-        """Return options as a result file has recorded them, see `Options.restored`."""
+        """Return options from the record of a result file, see `Options.restored`."""
         effort: dict[str, Any] = {name: value for name, value in recorded["effort"].items() if name != "speeds"}
         others = {name: value for name, value in recorded.items() if name != "effort"}
         speeds = tuple(recorded["effort"]["speeds"])
@@ -285,17 +285,17 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 class DiagnoseResult(FromFit):
     """A diagnosis of an arm.
 
-    Its table has a row for each remedy, the best first [SI]; none where none is needed.
+    The table has a row for each remedy, the best first [SI]; none if none is needed.
 
     Attributes:
-        diagnosis: the value of each stage, and the verdict that follows from them.
-        options: what was asked for.
-        runs: the traces of the moving arm, if there were any.
-        verdict: `accept` the arm as it is, `warn` where a remedy is needed and holds, `reject` where none does.
-        advised: the remedy that is advised; None where none is needed.
+        diagnosis: the value of each stage, and the resulting verdict.
+        options: the options of the call.
+        runs: the traces of the moving arm, if any.
+        verdict: `accept` the arm as it is, `warn` if a remedy is needed and holds, `reject` if none does.
+        advised: the advised remedy; None if none is needed.
         short: whether the posterior's chains are too short.
-        doubtful: whether the fit that the diagnosis rests on is in doubt, or what the runs tell.
-        fitted: the fit that the diagnosis rests on.
+        doubtful: whether the underlying fit or the result of the runs is in doubt.
+        fitted: the underlying fit.
     """
 
     diagnosis: "Diagnosis"
@@ -316,13 +316,13 @@ class DiagnoseResult(FromFit):
 
     @property
     def advice(self) -> str:
-        """The remedy that is advised, in words; empty where none is needed."""
+        """The advised remedy, in words; empty if none is needed."""
         from ident.studies.cure.diagnose_report import change_words
 
         return change_words(self.advised) if self.advised else ""
 
     def figures(self) -> "dict[str, Figure]":
-        """Return the figures of the page, by the stages' names."""
+        """Return the figures of the page, by stage."""
         from ident.studies.cure.diagnose_figure import diagnose_figures
 
         return diagnose_figures(self.diagnosis)
@@ -369,25 +369,26 @@ def diagnose(
 ) -> DiagnoseResult:
     """Diagnose an arm, step by step: posterior, resonance, vibration, sensitivities, remedies and their verification.
 
-    Remedies by their effort: the speed, along the path or of all of it; then balancing, where runs are given, and mass
-    centres; then torsional stiffness; where none is enough, two of them.
+    Remedies by effort: the speed, along the path or overall; then balancing, if runs are given, and mass centres; then
+    torsional stiffness; if none is enough, pairs of them.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
-        options: the limit, the motion, and what is unknown of the arm.
+        options: the limit, the motion, and the unknowns of the arm.
         path: a joint path to follow instead of the stroke: a log, or its file.
-        runs: traces of the moving arm, or their table's file, see `ident source`: they tell what excites it.
-        folder: where finished stages are kept, so that a call with the same inputs goes on behind the last of them;
-            `discard_stages` removes it. None to keep nothing.
-        restart: throw away the stages that are kept there.
-        progress: shows how far each stage is.
-        on_stage: is told of each stage when it is finished, or taken over.
+        runs: traces of the moving arm, or the file of their table, see `ident source`; they determine its sources.
+        folder: stores finished stages, so that a call with the same inputs resumes after the last of them;
+            `discard_stages` removes it. None to store nothing.
+        restart: discard the stored stages.
+        progress: shows the progress of each stage.
+        on_stage: called for each stage that is finished or loaded.
 
     Raises:
-        InputError: inputs or options that do not fit together; a folder that holds the stages of other inputs, or in
-            which another run is at work.
-        ModelError: the model has no answer: no optimum, or an arm that collapses.
+        InputError: inputs or options that do not match; a folder with the stages of other inputs, or with another run
+        at
+            work.
+        ModelError: the model has no solution: no optimum, or an arm that collapses.
     """
     from ident.codec import Store
     from ident.files import claimed
@@ -397,7 +398,7 @@ def diagnose(
 
     folder, runs = Path(folder) if folder is not None else None, None if runs is None else as_runs(runs)
     basis = basis_of(arm, options, path=path)
-    refuse_jumps(basis.arm, basis.motion)  # what can be refused is refused before the posterior is sampled
+    refuse_jumps(basis.arm, basis.motion)  # refuse before the posterior is sampled
     loads_of(basis.arm, basis.load)
     if options.radius and runs is None:
         raise refusal("radius", "it without runs", "traces that tell the imbalances", "give `runs`, or drop it")
@@ -417,11 +418,11 @@ def diagnose(
             if fresh and folder is not None and store.read("stiffness") is None:
                 Store.discard(folder / CHAINS)
                 Store.empty(folder)
-            elif runs and store.read("source") is None:  # the runs are at fault: with others it goes on
+            elif runs and store.read("source") is None:  # the runs are at fault: with other runs it resumes
                 store.depends_on({name: value for name, value in job.identity.items() if name != "runs"})
             raise
 
 
 def part_folder(folder: Path, campaign: "Campaign") -> Path:
-    """Return where the command keeps the stages of an unfinished diagnosis whose files go into a folder."""
+    """Return the folder for the stages of an unfinished diagnosis whose files go into `folder`."""
     return folder / f"{campaign.name}.diagnose.part"

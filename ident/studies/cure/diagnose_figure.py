@@ -26,13 +26,13 @@ WIDTH = 9.0
 
 
 def diagnose_figures(diagnosis: "Diagnosis") -> dict[str, Figure]:
-    """Return the figures of the finished stages, by the names of the stages; not every stage has one."""
+    """Return the figures of the finished stages, by stage; not every stage has one."""
     drawn = {stage: _FIGURES[stage](diagnosis) for stage in diagnosis.stages if stage in _FIGURES}
     return {stage: figure for stage, figure in drawn.items() if figure is not None}
 
 
 def _stiffness_figure(diagnosis: "Diagnosis") -> Figure | None:
-    """Draw the interval of each number relative to its median; a coordinate may be about zero and has no ratio."""
+    """Draw the interval of each number relative to its median; a coordinate near zero has no ratio."""
     low, median, high = diagnosis.identification.quantiles
     above = np.flatnonzero(low > 0)
     if not len(above):
@@ -89,7 +89,7 @@ def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
     """Return axes with a named row for each, the first on top."""
     labels = [textwrap.fill(cut(name, 150), 50) for name in names]
     lines = max(label.count("\n") for label in labels) + 1
-    row = max(0.34, 0.14 * lines + 0.12)  # all are as high as the longest label needs
+    row = max(0.34, 0.14 * lines + 0.12)  # all rows are as high as the longest label needs
     figure = Figure(figsize=(WIDTH, 1.1 + row * len(names)), layout="constrained")
     axes = figure.subplots()
     rows(axes, labels)

@@ -1,4 +1,4 @@
-"""What a diagnosis keeps of its posterior."""
+"""The posterior of a diagnosis as a file."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from ident.studies.look.arm_view import ArmView
 
 # -------- Arm section
-# The arm itself as a section of a page: drawn to scale, and what looks odd about its numbers.
+# The arm as a section of a page: drawn to scale, with its plausibility checks.
 
 
 def explorer_section(page: str, command: str) -> Section:
-    """Return the explorer of an arm, within the report, and the command that makes it by itself."""
+    """Return the explorer of an arm, within the report, and the command that makes it as a separate page."""
     words = (
         "Sliders change stiffnesses, payload, speed and posture; Campbell diagram, modes, static deflection and steady "
         "response follow."
@@ -50,9 +50,9 @@ def diagnose_page(
     Args:
         diagnosis: all of its stages.
         head: provenance, as in the result file.
-        view: the arm with the identified numbers, as it is drawn.
-        explorer: a page on which that arm is changed by hand.
-        runs: traces of the moving arm, if there were any.
+        view: the drawing of the arm with the identified numbers.
+        explorer: a page to change that arm by hand.
+        runs: traces of the moving arm, if any.
     """
     basis, campaign = diagnosis.task.basis, diagnosis.identification.sampled.fitted.campaign
     inputs: dict[str, ArmFile | Campaign | Log | Runs] = {"arm": basis.arm_file, "campaign": campaign}
@@ -78,7 +78,7 @@ def diagnose_page(
 
 
 def _stages(diagnosis: "Diagnosis", report: Report) -> Iterator[Section]:
-    """Yield a section for each stage: what the report's details say of it, and its figure."""
+    """Yield a section for each stage: its details from the report, and its figure."""
     figures = diagnose_figures(diagnosis)
     for stage, section in zip(diagnosis.stages, report.details, strict=True):
         drawn = (picture(figures[stage], *_captions(diagnosis, stage)),) if stage in figures else ()
@@ -119,7 +119,7 @@ def _captions(diagnosis: "Diagnosis", stage: str) -> tuple[str, str]:
 
 
 def _by_hand(diagnosis: "Diagnosis", options: Mapping[str, Any]) -> str:
-    """Name the command that makes the explorer by itself."""
+    """Name the command that makes the explorer as a separate page."""
     arm, campaign = diagnosis.task.basis.arm_file, diagnosis.identification.sampled.fitted.campaign
     given = {"posterior": f"{campaign.name}.diagnose.nc", "campaign": campaign.path}
     given |= {name.replace("_", "-"): options[name] for name in ("soft_base", "load")}
@@ -130,7 +130,7 @@ def _by_hand(diagnosis: "Diagnosis", options: Mapping[str, Any]) -> str:
 
 
 def _assumptions(arm_file: "ArmFile") -> Iterator[str]:
-    """Say what was assumed."""
+    """Yield the assumptions."""
     origins = [origin for origin in arm_file.origins.values() if origin != "derived"]
     guessed = sum(origin in ("assumed", "calibrated") for origin in origins)
     bearing = "amplitudes are no better than these"

@@ -1,4 +1,4 @@
-"""A diagnosis: what is said of it, what each stage says when it is finished, and its rows for programs."""
+"""The report of a diagnosis, the line of each finished stage, and the table."""
 
 import math
 import re
@@ -52,11 +52,11 @@ if TYPE_CHECKING:
     from ident.vibrate.sweep import Sensitivities
 
 # -------- Remedy words
-# A remedy in words: something to do.
+# Remedies as instructions.
 
 
 def change_words(remedy: Remedy) -> str:
-    """Say what a remedy changes, as something to do; not what would be written as 0 % or 0 mm."""
+    """Write the change of a remedy as an instruction, without parts that would print as 0 % or 0 mm."""
     words = ["set the speed along the path"] if remedy.schedule else []
     if remedy.percent != remedy.percent_before:
         words += [f"run at {remedy.percent:.3g} % of full speed instead of {remedy.percent_before:.3g} %"]
@@ -80,7 +80,7 @@ def change_words(remedy: Remedy) -> str:
 
 
 def spaced(path: str) -> str:
-    """Return the name of a part, by a path, as one says it: joint 1."""
+    """Return the spoken name of a part, from a path: joint 1."""
     return re.sub(r"(?<=[a-z])(?=\d+$)", " ", path.split(".")[0])
 
 
@@ -88,7 +88,7 @@ def spaced(path: str) -> str:
 
 
 def diagnose_sections(diagnosis: "Diagnosis") -> Report:
-    """Return all that is said of a finished diagnosis; the details have a section for each stage."""
+    """Return the report of a finished diagnosis; the details have a section for each stage."""
     basis, verdict = diagnosis.task.basis, judged(diagnosis)
     return Report(
         f"Diagnosis of {subject(basis)}",
@@ -102,7 +102,7 @@ def diagnose_sections(diagnosis: "Diagnosis") -> Report:
 
 
 def judged(diagnosis: "Diagnosis") -> Verdict:
-    """Judge the arm: OK where it is accepted, NOT DECIDED where data or draws leave it open, else NOT OK."""
+    """Judge the arm: OK if accepted, NOT DECIDED if data or draws do not decide, else NOT OK."""
     vibration = diagnosis.vibration
     peak, limit = float(vibration.peak.max()), vibration.limit
     size = f"{beside(MM * peak, MM * limit)} mm"
@@ -128,7 +128,7 @@ def chance_words(estimate: "BinomialEstimate") -> str:
 
 
 def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
-    """Yield what makes most of the vibration and what helps, each with its label: Cause, Remedy, or."""
+    """Yield the main cause of the vibration and the remedies, each with its label: Cause, Remedy, or."""
     itself = "the motion itself; no drive comes near a natural frequency"
     cause = _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
     yield "Cause", cause
@@ -171,7 +171,7 @@ def _unbalanced(diagnosis: "Diagnosis") -> str:
 
 
 def _has_schedule(diagnosis: "Diagnosis") -> bool:
-    """Tell whether `ident motion` takes the motion: a stroke of an arm that drives excite, or a path that was tried."""
+    """Whether `ident motion` accepts the motion: a stroke of an arm with exciting drives, or a path that was tried."""
     basis = diagnosis.task.basis
     return bool(basis.arm.drives) and (not basis.log or any(each.schedule for each in diagnosis.remedies))
 
@@ -181,7 +181,7 @@ def _offer(diagnosis: "Diagnosis", remedy: Remedy) -> str:
 
 
 def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:
-    """Say which drives meet a natural frequency, and cause most by that; empty where none does."""
+    """Name the drives that meet a natural frequency and cause most vibration by that; empty if none does."""
     groups = grouped(resonance.crossings)
     if not groups:
         return ""
@@ -200,7 +200,7 @@ def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:
 
 
 def _numbers(diagnosis: "Diagnosis", remedy: Remedy) -> str:
-    """Write the number that a remedy changes, how long the motion takes with it, and what masses leave."""
+    """Write the number that a remedy changes, the duration of the motion with it, and the remaining vibration."""
     words, time = [], diagnosis.task.basis.motion.arrival
     if len(remedy.values) == 1:
         ((path, value),) = remedy.values.items()
@@ -217,7 +217,7 @@ def _numbers(diagnosis: "Diagnosis", remedy: Remedy) -> str:
 
 
 def of_model(diagnosis: "Diagnosis") -> str:
-    """Say how well the model is determined, and how well it predicts postures that were not measured."""
+    """Say how well the model is determined, and how well it predicts unmeasured postures."""
     fit, validation = diagnosis.identification.sampled.fitted, diagnosis.validation
     fixed = f"{fit.information.fixed} of {len(fit.information.names)} combinations determined"
     far = f"; unmeasured postures predicted {scope_words(validation)}" if validation.told else ""
@@ -238,9 +238,9 @@ def _next(diagnosis: "Diagnosis", verdict: Verdict) -> str:
 
 
 def remedy_command(diagnosis: "Diagnosis") -> str:
-    """Return the command that carries out the remedy that holds, on the medians of the draws; else one that seeks."""
+    """Return the command that carries out the remedy that holds, on the medians of the draws; else a search."""
     basis, best = diagnosis.task.basis, diagnosis.advised
-    study, sets = "motion" if _has_schedule(diagnosis) else "design", dict(basis.changed)  # the one changes no part
+    study, sets = "motion" if _has_schedule(diagnosis) else "design", dict(basis.changed)  # the former changes no part
     if best and diagnosis.verdict == "warn":
         if best.rotors:
             return "ident source {runs} --arm {arm}"  # and ident balance with its result
@@ -252,7 +252,7 @@ def remedy_command(diagnosis: "Diagnosis") -> str:
 
 
 def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
-    """Yield how far a diagnosis holds where the measurements do not bear it, the weightiest first."""
+    """Yield the limits of a diagnosis that the measurements do not cover, most important first."""
     basis, fit = diagnosis.task.basis, diagnosis.identification.sampled.fitted
     fixed, count = fit.information.fixed, len(fit.information.names)
     for doubt in fit.doubts:
@@ -305,13 +305,13 @@ def _of_runs(diagnosis: "Diagnosis", study: "SourceStudy") -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class StageReport:
-    """What a stage says when it is finished.
+    """Progress report of a finished stage.
 
     Attributes:
         number: of the stage, from 1.
-        count: of stages, as far as is known: remedies are sought where the vibration is not accepted.
+        count: number of stages, as far as known: remedies are only searched if the vibration is not accepted.
         name: of the stage.
-        result: what it has come to, in a line.
+        result: its result, in a line.
         resumed: whether an earlier run had finished it.
     """
 
@@ -326,7 +326,7 @@ class StageReport:
 
 
 def stiffness_line(identification: "Identification") -> str:
-    """Say in a line how much is known of the stiffnesses."""
+    """Say in a line how well the stiffnesses are known."""
     fit = identification.sampled.fitted
     doubt = "; IN DOUBT" if fit.doubts else ""
     return f"{fit.information.fixed} of {len(fit.information.names)} combinations determined{doubt}"
@@ -354,7 +354,7 @@ def _stiffness(diagnosis: "Diagnosis") -> Iterator[Part]:
 
 
 def source_line(study: "SourceStudy") -> str:
-    """Say in a line what the runs tell of what excites the arm."""
+    """Say in a line what the runs determine about the sources."""
     if not study.usable:
         return "the runs are NOT USABLE"
     runs = counted(len(study.found.problem.runs), "run")
@@ -368,7 +368,7 @@ def _source(diagnosis: "Diagnosis") -> Iterator[Part]:
 
 
 def trust_line(validation: "Validation") -> str:
-    """Say in a line how well postures are predicted from others."""
+    """Say in a line how well postures are predicted from the others."""
     if not validation.told:
         return "no posture can be predicted from others"
     return f"{validation.covered} of {len(validation.z)} measurements within the interval predicted from other postures"
@@ -415,7 +415,7 @@ def _resonance(diagnosis: "Diagnosis") -> Iterator[Part]:
 
 
 def vibration_line(vibration: "VibrationAssessment") -> str:
-    """Say in a line how far the arm vibrates."""
+    """Say in a line how much the arm vibrates."""
     kept = f"kept by {vibration.keeps.count} of {vibration.keeps.draws} draws"
     return f"{beside(MM * vibration.peak.max(), MM * vibration.limit)} mm, limit {MM * vibration.limit:g} mm, {kept}"
 
@@ -456,7 +456,7 @@ def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
 
 
 def contribution_words(diagnosis: "Diagnosis") -> str:
-    """Say what makes the vibration at the worst phases; nothing where all phases are known."""
+    """Say what causes the vibration at the worst phases; empty if all phases are known."""
     over = diagnosis.vibration.phases
     if over is None:
         return ""
@@ -531,7 +531,7 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
 
 
 def verification_line(advised: Remedy, verified: "Verification") -> str:
-    """Say in a line what the remedy that is advised comes to."""
+    """Say in a line what the advised remedy achieves."""
     size, keeps = f"{beside(MM * verified.largest, MM * verified.limit)} mm", verified.keeps
     return f"{change_words(advised)}: {size}, limit kept by {keeps.count} of {keeps.draws} fresh draws"
 
@@ -591,7 +591,7 @@ _DETAILS: Mapping[str, tuple[str, Callable[["Diagnosis"], Iterator[Part]]]] = {
 
 
 def diagnose_rows(diagnosis: "Diagnosis") -> list[dict[str, Any]]:
-    """Return a row for each remedy, the best first: what it changes and what comes of it [SI]."""
+    """Return a row for each remedy, the best first: its changes and their effect [SI]."""
     verified = [each.holds for each in diagnosis.verifications]
     return [
         {"rank": rank, "kind": each.kind, "effort": each.effort, "change": change_words(each)}

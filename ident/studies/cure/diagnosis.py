@@ -1,4 +1,4 @@
-"""A diagnosis as a value: what each stage has come to, and the verdict."""
+"""A diagnosis as a value: the result of each stage, and the verdict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,21 +21,21 @@ from ident.vibrate.sweep import Sensitivities
 
 Verdict = Literal["accept", "warn", "reject"]
 STAGES = ("stiffness", "source", "trust", "resonance", "vibration", "sensitivities", "remedies", "verification")
-"""The stages in order, by the names under which their values are kept; "source" where there are runs."""
+"""The stages in order, by the names of their stored values; "source" only with runs."""
 LEAVE = "posture"
-"""What is left out at a time, to see how well the others predict it."""
+"""The parts left out in turn, to see how well the others predict them."""
 TIMES, NEAR = 500, np.radians(2.0)
-"""Times at which a motion is compared with the measured postures, and what a joint may turn beyond them [rad];
+"""Times at which a motion is compared with the measured postures, and tolerance of a joint beyond them [rad];
 assumed."""
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What the measurements tell of the arm, and what is asked of the arm that they tell of.
+    """The identified arm, and the diagnosis of this arm.
 
     Attributes:
         sampled: the posterior.
-        task: what is asked, of the arm with the medians of draws of the posterior.
+        task: the diagnosis, for the arm with the medians of the posterior's draws.
     """
 
     sampled: CampaignSample
@@ -56,12 +56,12 @@ class Identification:
 
 @dataclass(frozen=True)
 class Excited:
-    """What excites the arm, as traces of its motion tell, and the task with that excitation.
+    """Sources of the arm, identified from traces of its motion, and the task with this excitation.
 
     Attributes:
-        study: sources, stiffness and damping by the runs, with the posterior of the measurements as the prior.
-        task: what is asked, of the arm with the medians of draws of these.
-        balance: of the drives' rotors; None where no imbalance is told, or nothing says where a mass can sit.
+        study: sources, stiffness and damping from the runs, with the posterior of the measurements as the prior.
+        task: the diagnosis, for the arm with the medians of these draws.
+        balance: of the drives' rotors; None if no imbalance is determined, or no place for a mass is known.
     """
 
     study: SourceStudy
@@ -70,7 +70,7 @@ class Excited:
 
     @property
     def rotors(self) -> tuple[Rotor, ...]:
-        """The rotors that can be balanced: none where masses do not gain or the one trial run leaves it open."""
+        """The rotors that can be balanced: none if masses do not help, or the one trial run does not decide."""
         if self.balance is None or not self.study.usable or not self.balance.gains:
             return ()
         return tuple(each for each in self.balance.balanced if not each.calibration.state)
@@ -78,12 +78,12 @@ class Excited:
 
 @dataclass(frozen=True)
 class ResonanceAssessment:
-    """Natural frequencies along the motion and what excites the arm.
+    """Natural frequencies along the motion, and the excitation of the arm.
 
     Attributes:
-        branches: with the draws as sets; None where nothing turns.
-        excitation: by the pulleys; None where nothing turns.
-        crossings: where one is near the other, what causes most vibration first.
+        branches: with the draws as sets; None if nothing turns.
+        excitation: by the pulleys; None if nothing turns.
+        crossings: places where one is near the other, the cause of most vibration first.
     """
 
     branches: Branches | None = None
@@ -93,17 +93,17 @@ class ResonanceAssessment:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the stages of a diagnosis have come to, in their order.
+    """Results of the stages of a diagnosis, in their order.
 
     Attributes:
-        identification: how stiff the joints are, and what is asked of the arm.
-        trust: each posture as the others predict it; none where all measurements are of one.
+        identification: the stiffness of the joints, and the task.
+        trust: each posture predicted from the others; empty if all measurements share one posture.
         resonance: whether a drive meets a natural frequency.
-        vibration: how far the arm vibrates.
-        sensitivities: which numbers of the arm matter most.
-        remedies: what can be done, the best first; none where the vibration is accepted.
+        vibration: vibration of the present arm.
+        sensitivities: of the vibration to numbers of the arm.
+        remedies: the remedies, the best first; empty if the vibration is accepted.
         verifications: those of the first remedies, in their order.
-        excited: what excites the arm; None where no runs were given.
+        excited: the sources of the arm; None without runs.
     """
 
     identification: Identification
@@ -117,29 +117,29 @@ class Diagnosis:
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """The stages that were carried out: where the vibration is accepted, no remedy is sought."""
+        """The stages that were carried out: if the vibration is accepted, no remedy is searched."""
         own = stages_of(runs=self.excited is not None)
         return own if self.verifications else own[:-2]
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the fit contradicts itself, or the runs the model."""
+        """Whether the fit contradicts itself, or the runs contradict the model."""
         contradicting = self.excited is not None and not self.excited.study.usable
         return bool(self.identification.sampled.fitted.doubts) or contradicting
 
     @property
     def task(self) -> Task:
-        """What is asked."""
+        """The task."""
         return (self.excited or self.identification).task
 
     @property
     def validation(self) -> Validation:
-        """How well each posture is predicted from the others; no part where all measurements are of one."""
+        """Prediction of each posture from the others; without parts if all measurements share one posture."""
         return Validation(self.identification.sampled.fitted, LEAVE, self.trust)
 
     @property
     def beyond(self) -> Mapping[str, float]:
-        """By how much the motion turns joints further than the postures that were measured [rad], by name."""
+        """How far the motion turns joints beyond the measured postures [rad], by name."""
         measured = np.array([m.posture for m in self.identification.sampled.fitted.campaign])
         motion = self.task.basis.motion
         turned = np.asarray(motion(np.linspace(motion.breaks[0], motion.breaks[-1], TIMES))[0])
@@ -149,17 +149,17 @@ class Diagnosis:
 
     @property
     def advised(self) -> Remedy | None:
-        """The remedy that is advised; None where none is needed."""
+        """The advised remedy; None if none is needed."""
         return self.remedies[chosen(self.verifications)] if self.verifications else None
 
     @property
     def verified(self) -> Verification | None:
-        """The verification of the remedy that is advised."""
+        """The verification of the advised remedy."""
         return self.verifications[chosen(self.verifications)] if self.verifications else None
 
     @property
     def verdict(self) -> Verdict:
-        """Accept the arm as it is, warn where a remedy is needed and holds, reject where none does."""
+        """Accept the arm as it is, warn if a remedy is needed and holds, reject if none does."""
         if self.advised is None or self.verified is None:
             return "accept"
         return "warn" if self.advised.meets_limit and self.verified.holds else "reject"
@@ -177,7 +177,7 @@ def assess_trust(fitted: CampaignFit) -> tuple[HeldOut, ...]:
 
 
 def assess_resonance(task: Task) -> ResonanceAssessment:
-    """Follow the natural frequencies along the motion, and compare them with what the pulleys excite."""
+    """Follow the natural frequencies along the motion, and compare them with the excitation by the pulleys."""
     if not task.basis.arm.drives:
         return ResonanceAssessment()
     followed = branches(task.basis.arm.replace(dict(task.band_draws)), task.basis.motion, loads=task.basis.loads)
@@ -188,5 +188,5 @@ def assess_resonance(task: Task) -> ResonanceAssessment:
 
 
 def chosen(verifications: Sequence[Verification]) -> int:
-    """Return the place of the remedy to be advised: the one that holds, or else the first."""
+    """Return the index of the advised remedy: the one that holds, or else the first."""
     return len(verifications) - 1 if verifications[-1].holds else 0

@@ -1,21 +1,21 @@
-"""How much a diagnosis computes."""
+"""Amount of computation in a diagnosis."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisEffort:
-    """Numbers of draws, and of values that are tried; fewer of each save time and cost accuracy.
+    """Numbers of draws and of tried values; fewer of each save time and cost accuracy.
 
     Attributes:
         ess: effective samples of each unknown at which sampling stops: as many as there are draws for verification.
-        steps: of the sampler, at which it stops in any case.
+        steps: of the sampler, its upper limit.
         draws: of the posterior, at most.
         band_draws: of these, for the bands of natural frequencies.
-        assessment_draws: of these, to assess vibration and remedies by; all others are left for the verification.
-        speeds: that are tried, as factors of the present one.
-        values: of a single number that are tried; 41 are steps of 3.5 % from half to twice as much.
-        screened: places at which a search for several numbers looks for its start; a power of two.
+        assessment_draws: of these, to assess vibration and remedies; all others serve the verification.
+        speeds: tried speeds, as factors of the present one.
+        values: tried values of a single number; 41 are steps of 3.5 % from half to twice as much.
+        screened: points at which a search for several numbers looks for its start; a power of two.
         iterations: of a search, at most.
     """
 

@@ -1,4 +1,4 @@
-"""Choose how fast the arm goes along its path, so that it vibrates little: no part is changed."""
+"""Choose the speed of the arm along its path so that it vibrates little: no part is changed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionOptions(HeldMotionOptions):
-    """Options of `ident.motion`: the motion as it is, the limit, and how finely the speed may change along the path."""
+    """Options of `ident.motion`: the present motion, the limit, and the resolution of the speed along the path."""
 
     speed: float | None = option(
         None,
@@ -44,7 +44,7 @@ class MotionOptions(HeldMotionOptions):
 
     @property
     def hold(self) -> float:
-        """None [s]: the study holds the arm itself, after each motion."""
+        """Zero [s]: the study adds the dwell, not the motion."""
         return 0.0
 
 
@@ -52,11 +52,11 @@ class MotionOptions(HeldMotionOptions):
 class MotionResult(Result):
     """Motions along the path of an arm, and the one that keeps the limit in the least time.
 
-    Its table has a row for each motion: time [s], vibration [m], chance of keeping the limit [-], acceleration.
+    The table has a row for each motion: time [s], vibration [m], probability of keeping the limit [-], acceleration.
 
     Attributes:
-        motions: the motion as it is, the others, the speeds along the path, and their verification.
-        options: what was asked for.
+        motions: the present motion, the others, the speeds along the path, and their verification.
+        options: the options of the call.
         time: time from start to arrival with the speeds along the path [s].
         vibration: largest vibration with these speeds and the worst phases, by the exact equations [m].
     """
@@ -85,7 +85,7 @@ class MotionResult(Result):
         return self.motions.recommended is None
 
     def figures(self) -> "dict[str, Figure]":
-        """Return speed and vibration along the path; what input shapers leave (`shapers`), where they were tried."""
+        """Return speed and vibration along the path; the residual vibration of input shapers (`shapers`) if tried."""
         from ident.studies.cure.motion_figure import motion_figure, shaper_figure
 
         shaped = any(each.kind == "shaper" for each in self.motions.candidates)
@@ -111,16 +111,16 @@ def motion(
 ) -> MotionResult:
     """Choose the speed along the stroke, or a path, so that the arm keeps a limit of vibration in the least time.
 
-    Compared with the motion as it is, slower, by other profiles and, where the motion itself shakes the arm, by input
-    shapers. The path stays; what is proposed is verified by the exact equations and by draws it was not chosen by.
+    Compared with the present motion, slower ones, other profiles and, where the motion itself excites the arm, input
+    shapers. The path stays; the proposal is verified by the exact equations and by fresh draws.
 
     Args:
         arm: the arm; it has a stroke, or its joints have limits of speed, acceleration and jerk.
-        options: the motion as it is, the limit, and how finely the speed may change.
+        options: the present motion, the limit, and the resolution of the speed.
         path: a joint path to follow instead of the stroke: a log, or its file; it starts and ends at rest.
-        fit: fitted values that the arm takes over: a result, or its file.
-        posterior: draws by which the limit is kept with 95 %: a sample, or its file.
-        progress: shows how far it is, over the steps of the search.
+        fit: fitted values for the arm: a result, or its file.
+        posterior: draws that keep the limit with 95 % probability: a sample, or its file.
+        progress: shows progress over the steps of the search.
 
     Raises:
         InputError: an arm without excitation; a time out of reach; a path with a corner, or that starts moving.

@@ -1,4 +1,4 @@
-"""A motion along its path: speed, vibration, and the modes that it passes."""
+"""A motion along its path: speed, vibration, and the modes it crosses."""
 
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ MODES: tuple[Style, ...] = ({"color": ORANGE, "linewidth": 1.0}, {"color": ORANG
 
 
 def motion_figure(motions: "MotionStudy") -> Figure:
-    """Draw the speed over the path with the speeds at which pulleys meet modes; below, the vibration over time."""
+    """Draw the speed over the path with the speeds at which pulleys excite modes; below, the vibration over time."""
     scheduling = motions.scheduling
     figure = titled((8.0, 7.0), motion_title("Speed along the path", motions.basis), (0.08, 0.1))
     top, below = figure.subplots(2, 1)
@@ -57,7 +57,7 @@ def motion_figure(motions: "MotionStudy") -> Figure:
 
 
 def shaper_figure(motions: "MotionStudy") -> Figure:
-    """Draw what shapers leave of a mode over its frequency; below, the two lowest frequencies along the path."""
+    """Draw the residual vibration of shapers over mode frequency; below, the two lowest frequencies along the path."""
     bands, expected = motions.bands, motions.bands[1, :, -1]
     figure = titled((5.5, 7.0), motion_title("What input shapers leave", motions.basis), (0.08, 0.1))
     top, below = figure.subplots(2, 1, sharex=True)

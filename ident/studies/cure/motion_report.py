@@ -1,4 +1,4 @@
-"""Motions along one path: what is said of them, their rows for programs, and the joint path as a file."""
+"""The report of motions along one path, its table, and the joint path as a file."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def motion_sections(motions: "MotionStudy") -> Report:
-    """Return all that is said of motions along a path."""
+    """Return the report of motions along a path."""
     return Report(
         f"Motions of {subject(motions.basis)}: {counted(len(motions.candidates), 'way')} along the same path",
         _verdict(motions),
@@ -54,7 +54,7 @@ def _touched(motions: "MotionStudy") -> str:
 
 
 def _shown(motions: "MotionStudy") -> tuple[Candidate, ...]:
-    """Return the candidates without shapers than which another is quicker and leaves less."""
+    """Return the candidates without shapers, except those that another beats in both time and vibration."""
     shapers = [each for each in motions.candidates if each.kind == "shaper"]
     beaten = {one.name for one in shapers for each in shapers if each.time <= one.time and each.left < one.left}
     return tuple(each for each in motions.candidates if each.name not in beaten or each is motions.recommended)
@@ -133,7 +133,7 @@ def _details(motions: "MotionStudy") -> Iterator[Section]:
 
 
 def motion_rows(motions: "MotionStudy") -> list[dict[str, Any]]:
-    """Return a row for each motion [SI]: time, vibration, chance of keeping the limit, largest acceleration."""
+    """Return a row for each motion [SI]: time, vibration, probability of keeping the limit, largest acceleration."""
     return [
         {"motion": each.name, "kind": each.kind, "time": each.time}
         | {"median": float(np.median(each.peaks)), "q95": float(np.quantile(each.peaks, 0.95)), "worst": each.worst}
@@ -144,7 +144,7 @@ def motion_rows(motions: "MotionStudy") -> list[dict[str, Any]]:
 
 
 def write_path(motions: "MotionStudy", rate: float, head: Mapping[str, Any], path: Path) -> None:
-    """Write the joint path with the speeds along it as CSV, which `read_log` reads."""
+    """Write the joint path with the speeds along it as CSV, the format of `read_log`."""
     motion, arm = motions.schedule.motion, motions.basis.arm
     time = np.append(np.arange(0.0, motion.arrival - 0.5 / rate, 1 / rate), motion.arrival)
     columns = np.column_stack([time, *np.degrees(np.asarray(motion(time)[0]))])

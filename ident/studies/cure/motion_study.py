@@ -1,4 +1,4 @@
-"""Cures that need no new part: the same path at other speeds, by other profiles, or shaped, side by side."""
+"""Cures without a new part: the same path at other speeds, with other profiles, or shaped, in comparison."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -23,38 +23,38 @@ from ident.vibrate.shaping import shaped, shapers
 from ident.vibrate.simulate import Superposition
 
 SLOWER = 0.95
-"""Factor from one lower speed to the next that is tried, down to `SLOWEST` of the present one; assumed."""
+"""Factor from one tried speed to the next lower one, down to `SLOWEST` of the present speed; assumed."""
 SLOWEST = 0.2
 TRIES = 5
-"""Speeds that keep the limit nominally which are judged by draws, at most; assumed."""
+"""Speeds that keep the limit nominally and are judged by draws, at most; assumed."""
 LIMITS = ("speed", "acceleration", "jerk")
-"""What joints have limits of."""
+"""Limited quantities of joints."""
 ALLOWED = 1.001
-"""Factor by which samples may exceed a limit: differences of them stand for the jerk."""
+"""Factor by which samples may exceed a limit: their differences stand for the jerk."""
 ALONG = 33
-"""Places of the path at which frequencies are shown."""
+"""Points of the path at which frequencies are shown."""
 TOUCHED = 0.05
-"""Share of the vibration that the motion itself must make for shapers to be tried; assumed."""
+"""Least share of the vibration from the motion itself for which shapers are tried; assumed."""
 TIGHTENED = 3
-"""Searches at most, each for a tighter limit until exact equations and draws keep the one asked for; assumed."""
+"""Searches at most, each with a tighter limit until exact equations and draws keep the requested one; assumed."""
 MARGIN = 0.98
-"""Factor by which a limit is tightened besides; assumed."""
+"""Additional factor when a limit is tightened; assumed."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A motion along the path, and how far the arm vibrates with it.
+    """A motion along the path, and the vibration of the arm with it.
 
     Attributes:
         name: in words.
         kind: `as it is`, `speed`, `profile`, `shaper` or `along the path`.
         motion: of all driven joints, without dwell.
-        peaks: (K,) [m] largest of the three directions, by draws of what is unknown: the phases, and the posterior.
+        peaks: (K,) [m] largest of the three directions, by draws of the unknowns: the phases, and the posterior.
         worst: [m] largest over the phases, of the nominal arm.
         left: [m] the same after the arrival.
         acceleration: [rad/s^2] largest of any joint.
-        beyond: which limits of the joints it exceeds: speed, acceleration, jerk.
-        verification: by the exact equations; None where the motion was not proposed.
+        beyond: exceeded limits of the joints: speed, acceleration, jerk.
+        verification: by the exact equations; None if the motion was not proposed.
     """
 
     name: str
@@ -69,22 +69,22 @@ class Candidate:
 
     @property
     def time(self) -> float:
-        """From start to arrival [s]."""
+        """Time from start to arrival [s]."""
         return float(self.motion.arrival - self.motion.breaks[0])
 
     def keeps(self, limit: float) -> BinomialEstimate:
-        """Return with which probability a limit [m] is kept."""
+        """Return the probability of keeping a limit [m]."""
         return binomial_estimate(self.peaks <= limit)
 
 
 @dataclass(frozen=True)
 class MotionVerification:
-    """The proposed motion by the exact equations, and by draws that it was not chosen by.
+    """The proposed motion by the exact equations, and by fresh draws.
 
     Attributes:
-        largest: [m] vibration of the three directions with the worst phases, as the fast method finds them.
+        largest: [m] vibration of the three directions with the worst phases, as the fast method determines them.
         keeps: probability of keeping the limit by fresh draws; None without a posterior.
-        slack: names of the belts that a span of would push: taken as rigid they do not, so nothing is confirmed.
+        slack: names of belts with a span that would go slack: modelled as rigid it can't, so nothing is confirmed.
     """
 
     largest: float
@@ -94,18 +94,18 @@ class MotionVerification:
 
 @dataclass(frozen=True)
 class MotionStudy:
-    """Motions along one path, and which is proposed.
+    """Motions along one path, and the proposed one.
 
     Attributes:
-        basis: the arm, its motion as it is, and where their numbers come from.
+        basis: the arm, its present motion, and the sources of their numbers.
         scheduling: the search for speeds along the path.
         limit: [m]
-        share_of_motion: share of the worst vibration that no drive makes, but the motion itself [-]
-        before: vibration of the motion as it is, over the unknown phases.
+        share_of_motion: share of the worst vibration that comes from the motion itself, not from drives [-]
+        before: vibration of the present motion, over the unknown phases.
         after: of the speeds along the path.
-        candidates: as it is, the others, and the speeds along the path last.
+        candidates: the present motion, the others, and the speeds along the path last.
         schedule: the speeds along the path.
-        bands: (3, 2, K) [Hz] 5, 50 and 95 % of the draws of the two lowest frequencies at K even places of the path.
+        bands: (3, 2, K) [Hz] 5, 50 and 95 % of the draws of the two lowest frequencies at K even points of the path.
     """
 
     basis: Basis
@@ -120,15 +120,15 @@ class MotionStudy:
 
     @property
     def verification(self) -> MotionVerification:
-        """Of the speeds along the path."""
+        """Verification of the speeds along the path."""
         checks = self.candidates[-1].verification
         assert checks is not None
         return checks
 
     def met(self, candidate: Candidate) -> bool:
-        """Tell whether a candidate keeps the limit, with the worst phases and 95 % of the draws, and its own limits.
+        """Whether a candidate keeps the limit, with the worst phases and 95 % of the draws, and the joint limits.
 
-        One that was verified keeps it by the exact equations and by fresh draws; all others by the fast method.
+        Verified ones are judged by the exact equations and by fresh draws; all others by the fast method.
         """
         checks, keeps, largest = candidate.verification, candidate.keeps(self.limit), candidate.worst
         if checks is not None:
@@ -138,7 +138,7 @@ class MotionStudy:
 
     @property
     def recommended(self) -> Candidate | None:
-        """The candidate that keeps the limit in the least time; None where none does."""
+        """The candidate that keeps the limit in the least time; None if none does."""
         good = [each for each in self.candidates if self.met(each)]
         return min(good, key=lambda each: (each.time, each.kind != "as it is")) if good else None
 
@@ -146,14 +146,14 @@ class MotionStudy:
 def scheduling_of(
     basis: Basis, along: Stroke | None, *, segments: int, dwell: float, retract: bool = False
 ) -> Scheduling:
-    """Return the search for the speeds along a path, over what is not known.
+    """Return the search for the speeds along a path, over the unknowns.
 
     Args:
         basis: the arm and its motion.
-        along: the path, on which no speed is higher than the motion's; None for that of the motion itself, on which
-            the limits of the joints count alone.
+        along: the path, with the motion's speed as upper limit; None for the path of the motion itself, limited only by
+            the joints.
         segments: of the path.
-        dwell: [s] that the arm is held after arrival.
+        dwell: [s] after arrival.
         retract: whether the stroke is from unfolded to folded.
 
     Raises:
@@ -172,9 +172,9 @@ def scheduling_of(
 
 
 def share_of_motion(scheduling: Scheduling, motion: Motion) -> float:
-    """Return the share of the worst vibration that no drive makes, but the motion itself [-].
+    """Return the share of the worst vibration that comes from the motion itself, not from drives [-].
 
-    The worst is over the phases of all drives: what a known phase makes would count as the motion's.
+    The worst is over the phases of all drives: the effect of a known phase would count as the motion's.
     """
     phases = tuple(each.phase for each in exciting_orders(scheduling.evaluator.arm))
     whole = replace(scheduling, evaluator=replace(scheduling.evaluator, unknown=phases)).vibration(motion)
@@ -194,12 +194,12 @@ def motions(
     """Compare motions along a path of an arm, and search the speeds along it.
 
     Args:
-        basis: the arm, its motion without dwell, and the draws that judge.
+        basis: the arm, its motion without dwell, and the draws for the verdict.
         scheduling: the search, of `scheduling_of`.
-        limit: [m] largest vibration that is accepted.
-        time: [s] in which to vibrate least; None for the least time that keeps the limit.
-        fresh: draws that nothing was judged by; none without a posterior.
-        progress: shows how far it is, over the steps of the search.
+        limit: [m] largest accepted vibration.
+        time: [s] in which to minimise the vibration; None for the least time that keeps the limit.
+        fresh: draws unused so far; none without a posterior.
+        progress: shows progress over the steps of the search.
 
     Raises:
         InputError: a time out of reach.
@@ -228,7 +228,7 @@ def motions(
             break
         high = float(np.quantile(found.peaks, CONFIDENT))
         aim *= MARGIN * min(1.0, limit / checks.largest, limit / high)
-    while (best := study.recommended) and best.verification is None:  # none is proposed that was not verified
+    while (best := study.recommended) and best.verification is None:  # only verified motions are proposed
         checks = _verified(scheduling, best.motion, scheduling.vibration(best.motion), fresh, limit)
         every = tuple(replace(each, verification=checks) if each is best else each for each in study.candidates)
         study = replace(study, candidates=every)
@@ -243,7 +243,7 @@ def _candidate(
     motion: Motion,
     whole: Superposition | None = None,
 ) -> Candidate:
-    """Judge a motion by the phases that are unknown, and with a posterior by its draws, each with phases of its own."""
+    """Judge a motion over the unknown phases, and with a posterior over its draws, each with phases of its own."""
     whole = whole or scheduling.vibration(motion)
     if basis.draws:
         held = motion.dwell(scheduling.dwell)
@@ -259,7 +259,7 @@ def _candidate(
 
 
 def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, tuple[str, ...]]:
-    """Return the largest acceleration of a joint [rad/s^2], and which limits joints exceed, by dense samples."""
+    """Return the largest acceleration of a joint [rad/s^2], and the limits that joints exceed, by dense samples."""
     step = 0.1 / RATE
     _, qd, qdd = (np.asarray(part) for part in motion(np.arange(0.0, motion.arrival, step)))
     still = np.zeros((len(qdd), 1))
@@ -270,7 +270,7 @@ def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, tuple[st
 
 
 def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, Motion]]:
-    """Yield the other profiles at the same speed; along a given path at the highest that is allowed everywhere."""
+    """Yield the other profiles at the same speed; along a given path at the highest allowed everywhere."""
     (start, end), own, percent = scheduling.path.ends, basis.arm.stroke, basis.percent
     if basis.log is None and own is not None:
         speed, acceleration, jerk = (float(each) for each in (own.speed, own.acceleration, own.jerk))
@@ -284,7 +284,7 @@ def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, 
 
 
 def _slower(scheduling: Scheduling, basis: Basis, limit: float, judge: Callable[..., Candidate]) -> Iterator[Candidate]:
-    """Yield the motion at the highest lower speed that keeps the limit; none where it keeps it, or no speed does."""
+    """Yield the motion at the highest lower speed that keeps the limit; none if it does already, or no speed does."""
     factor, tries = 1.0, TRIES
     while factor > SLOWEST and tries:
         motion = basis.motion.at_speed(100 * factor)
@@ -300,9 +300,9 @@ def _slower(scheduling: Scheduling, basis: Basis, limit: float, judge: Callable[
 
 
 def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, Motion]]:
-    """Yield the motion shaped for the first mode, for both of the lowest, and between them, as the posture has them.
+    """Yield the motion shaped for the first mode, for both lowest ones, and between them, at the posture's frequencies.
 
-    Between them, at the root of their product, a ZVD is nearly that of both where they are close.
+    One ZVD at the root of the product of two close frequencies nearly acts like the shaper for both.
     """
     along = np.linspace(scheduling.places.min(), scheduling.places.max(), 101)
     first, second = scheduling.frequencies(along)

@@ -1,4 +1,4 @@
-"""Whether an arm keeps a limit, and with which other speed, stiffness, mass centre or transmission error it does."""
+"""Whether an arm keeps a limit, and the speed, stiffness, mass centre or transmission error with which it does."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,29 +25,29 @@ from ident.vibrate.schedule import Schedule
 from ident.vibrate.variable import Variable
 
 # -------- Task
-# What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain.
+# The task of a diagnosis: an arm in motion, a limit, and the uncertain numbers of the arm.
 
 STIFFER = 2.0
-"""Factor by which a torsional stiffness may be raised; our assumption of what another drive can be."""
+"""Factor by which a torsional stiffness may be raised; our assumption of other available drives."""
 FINER = 10.0
-"""Factor by which transmission errors may be less; our assumption of what other drives can be."""
+"""Factor by which transmission errors may be reduced; our assumption of other available drives."""
 MOVED = 0.2
 """Share of a body's length by which its mass centre may be moved either way; our assumption."""
 CONFIDENT = 0.95
-"""Probability of keeping the limit that is asked for; assumed."""
+"""Required probability of keeping the limit; assumed."""
 RATE = 250.0
-"""Samples a second."""
+"""Sampling rate [Hz]."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """A diagnosis of an arm whose numbers are known as well as the draws say.
+    """A diagnosis of an arm whose numbers are known within the draws.
 
     Attributes:
         basis: the arm with the medians of the draws, its motion and its load; its draws in random order.
-        limit: [m] largest vibration, in any direction, that is accepted.
-        effort: how much is computed.
-        softer: whether a remedy may make joints softer as well: vibration may fall, but nobody orders that unasked.
+        limit: [m] largest accepted vibration in any direction.
+        effort: amount of computation.
+        softer: whether a remedy may also make joints softer: vibration may fall, but nobody orders that unasked.
     """
 
     basis: Basis
@@ -57,17 +57,17 @@ class Task:
 
     @property
     def assessment_draws(self) -> Draws:
-        """The draws by which vibration and remedies are assessed."""
+        """Draws to assess vibration and remedies."""
         return self._first(self.effort.assessment_draws)
 
     @property
     def band_draws(self) -> Draws:
-        """The draws for the bands of natural frequencies."""
+        """Draws for the bands of natural frequencies."""
         return self._first(self.effort.band_draws)
 
     @property
     def fresh_draws(self) -> Draws:
-        """The draws that nothing was assessed or optimised by."""
+        """Draws unused in assessment and optimisation."""
         return {path: values[self.effort.assessment_draws :] for path, values in self.basis.draws.items()}
 
     @cached_property
@@ -80,7 +80,7 @@ class Task:
 
     @cached_property
     def errors(self) -> tuple[Variable, ...]:
-        """The transmission errors of all drives, by one factor; nothing without any."""
+        """The transmission errors of all drives, by one factor; empty without any."""
         paths = tuple(each.amplitude for each in exciting_orders(self.basis.arm) if each.of_error)
         own = float(self.basis.arm.get(paths[0])) if paths else 0.0
         return (Variable(paths, own / FINER, own),) if paths else ()
@@ -99,30 +99,30 @@ class Task:
 
     @cached_property
     def step(self) -> float:
-        """Time step [s] for the stiffest arm that is tried; one for all, so that they share their programs."""
+        """Time step [s] for the stiffest tried arm; one for all, so that they share their programs."""
         stiffest = Evaluator(self.basis.arm, self.basis.motion, (*self.torsion, *self.centres), loads=self.basis.loads)
         return stiffest.step_for(stiffest.bounds)
 
     def evaluator(self, *variables: Variable, draws: Draws | None = None) -> Evaluator:
-        """Return what is simulated again and again; all of a task are one program."""
+        """Return the evaluator for repeated simulation; all evaluators of a task share one program."""
         basis, draws = self.basis, draws or {}
         return Evaluator(basis.arm, basis.motion, variables, draws=draws, loads=basis.loads, rate=RATE, step=self.step)
 
     def over_phases(self, evaluator: Evaluator) -> Evaluator:
-        """Return the same over all phases that are not known, with the highest transmission errors that may be."""
+        """Return the same over all unknown phases, with the largest possible transmission errors."""
         unknown = self.basis.unknown
         return replace(evaluator, arm=evaluator.arm.replace(unknown.highest), unknown=unknown.phases)
 
     def balanced(self, rotors: Sequence[Rotor]) -> "Task":
-        """Return the task of the arm with corrections mounted, each at its rotor's height.
+        """Return the task of the arm with mounted corrections, each at its rotor's height.
 
-        Each draw has the imbalance that its correction leaves; the arm itself one that `CONFIDENT` of them do not
-        exceed.
+        Each draw has the imbalance that its correction leaves; the arm itself has the one that `CONFIDENT` of the draws
+        do not exceed.
         """
         if not rotors:
             return self
         basis, own, drawn = self.basis, dict[str, float](), dict[str, np.ndarray]()
-        assert basis.posterior is not None  # what is balanced was identified
+        assert basis.posterior is not None  # a balanced drive was identified
         for rotor in rotors:
             mass, size, phase = (f"{rotor.drive.name}.{x}" for x in ("eccentric_mass", "eccentricity", "phase"))
             high = rotor.left[np.argsort(np.abs(rotor.left))[int(np.ceil(CONFIDENT * len(rotor.left))) - 1]]
@@ -138,20 +138,20 @@ class Task:
 
 
 # -------- Keeping
-# With which probability a limit is kept: of as many draws as a verdict needs, and no more.
+# Probability of keeping a limit: from as many draws as a verdict needs, and no more.
 
 FIRST = 19
-"""Draws at the first look; with the arm itself they fill the cores evenly. At each further look twice as many."""
+"""Draws at the first look; with the arm itself they fill the cores evenly. Each further look doubles them."""
 UNLIKELY = 0.01
-"""Probability of such a count, or one as improbable, if the limit were kept with just the probability asked for;
-assumed."""
+"""Significance of a look: probability of such a count, or one as improbable, if the limit were kept with exactly the
+required probability; assumed."""
 
 
 def is_settled(keeps: BinomialEstimate) -> bool:
-    """Tell whether a count says on which side of the probability asked for the true one is.
+    """Whether a count decides on which side of the required probability the true one lies.
 
-    By the exact binomial test at each look. Up to a thousand draws a limit is so found to be kept as often as by all of
-    them, to 0.3 % and whatever the true probability; of 450 draws on average where that is 98 %, of 250 where it is 99.
+    Exact binomial test at each look. Up to a thousand draws, a limit counts as kept as often as with all draws, to 0.3
+    % and for any true probability; after 450 draws on average if that is 98 %, after 250 if it is 99.
 
     References:
         Armitage, McPherson, Rowe, "Repeated significance tests on accumulating data", Journal of the Royal Statistical
@@ -163,15 +163,15 @@ def is_settled(keeps: BinomialEstimate) -> bool:
 def keeping(
     evaluator: Evaluator, change: Float[np.ndarray, "V"], limit: float, progress: Progress = iter
 ) -> tuple[Float[np.ndarray, "3"], BinomialEstimate]:
-    """Return the amplitude [m] of the arm itself after a change, and with which probability a limit is kept.
+    """Return the amplitude [m] of the arm itself after a change, and the probability of keeping a limit.
 
-    Draws are simulated in their order, some at first and more as long as they don't settle the verdict.
+    Draws are simulated in their order: some first, and more until the verdict is settled.
 
     Args:
         evaluator: with the draws.
         change: of its variables.
         limit: [m]
-        progress: shows how far it is, over the looks.
+        progress: shows progress over the looks.
 
     Raises:
         InputError: there are no draws.
@@ -190,7 +190,7 @@ def keeping(
 
 
 def looks(count: int) -> Iterator[slice]:
-    """Yield which draws come in at each look."""
+    """Yield the draws that each look adds."""
     begin, end = 0, FIRST
     while begin < count:
         yield slice(begin, min(end, count))
@@ -198,21 +198,21 @@ def looks(count: int) -> Iterator[slice]:
 
 
 # -------- Vibration
-# How far the arm vibrates, and with which probability that is too far.
+# The vibration of the arm, and the probability that it is too large.
 
 
 @dataclass(frozen=True)
 class VibrationAssessment:
-    """The arm at work as it is.
+    """The present arm at work.
 
     Attributes:
         response: by the exact equations.
-        amplitude: (3,) [m] of the arm itself, with the excitation of `at_confidence`, which the response has as well.
+        amplitude: (3,) [m] of the arm itself, with the excitation of `at_confidence`; the response has the same.
         draws: (3, D) [m], each with phases and transmission errors of its own.
         keeps: probability that the limit is kept in all directions, by the draws.
         limit: [m]
-        phases: the arm itself over the phases that are not known; None where all are known.
-        owed_to_damping: share of the variance of the draws that those of the damping account for.
+        phases: the arm itself over the unknown phases; None if all are known.
+        owed_to_damping: share of the draws' variance due to the damping.
     """
 
     response: Response
@@ -230,7 +230,7 @@ class VibrationAssessment:
 
     @property
     def scatter(self) -> float:
-        """Factor from the largest amplitude of the arm itself to what most draws keep, see `tolerance_limit`."""
+        """Factor from the largest amplitude of the arm itself to the one most draws keep, see `tolerance_limit`."""
         return tolerance_limit(self.draws.max(0)) / float(self.amplitude.max())
 
     @property
@@ -240,10 +240,10 @@ class VibrationAssessment:
 
 
 def tolerance_limit(values: Float[np.ndarray, "K"]) -> float:
-    """Return what `CONFIDENT` of all values stay below, with the same confidence, as K of them say.
+    """Return the upper tolerance limit for `CONFIDENT` of all values, with the same confidence, from K values.
 
-    Of 100 it is the largest but one; their 95 % quantile would be too low every other time. Of fewer than 59 it is the
-    largest, with less confidence.
+    From 100 values it is the second largest; their 95 % quantile would be too low every other time. From fewer than 59
+    it is the largest, with less confidence.
 
     References:
         Wilks, "Determination of sample sizes for setting tolerance limits", Annals of Mathematical Statistics 12(1),
@@ -254,9 +254,9 @@ def tolerance_limit(values: Float[np.ndarray, "K"]) -> float:
 
 
 def at_confidence(task: Task) -> Task:
-    """Return a task whose arm is excited so that it vibrates no less than with the share of phases that is asked for.
+    """Return a task whose arm vibrates no less than with the required share of phases.
 
-    So the arm itself stands for what is unknown of its excitation; where all is known it stays as it is.
+    So the arm itself represents the unknown excitation; it stays unchanged if all is known.
     """
     if not task.basis.unknown.phases:
         return task
@@ -278,10 +278,10 @@ def assess_vibration(task: Task, progress: Progress = iter) -> VibrationAssessme
 
 
 def likely_excitation(task: Task, evaluator: Evaluator, change: Float[np.ndarray, "V"]) -> dict[str, float]:
-    """Return the excitation of an arm after a change, as `at_confidence` takes it; none where all is known.
+    """Return the excitation of an arm after a change, as `at_confidence` takes it; empty if all is known.
 
     Args:
-        task: says what is not known.
+        task: with the unknown phases.
         evaluator: of the task's arm.
         change: of the evaluator's variables.
     """
@@ -301,35 +301,35 @@ EFFORTS = {
     "torsion": "new part",
     "mass centre": "new part",
 }
-"""Kinds of remedies and what each takes, the least effort first; assumed."""
+"""Kinds of remedies and their effort, least first; assumed."""
 AND = " + "
-"""Between the kinds of a remedy that combines two."""
+"""Joins the kinds of a remedy that combines two."""
 FULL = 100.0
-"""Speed [%] above which none is advised."""
+"""Highest advised speed [%]."""
 CANDIDATES = 10
-"""Values of a single number that are assessed by draws, at most; for the time that they take."""
+"""Values of a single number assessed by draws, at most; to limit the time."""
 COARSE = 10
 """Intervals of such values, one of which is refined; assumed."""
 ROUNDS = 3
-"""Searches at most, each for the ratio of amplitudes after the change that the one before has found; assumed."""
+"""Searches at most, each for the ratio of amplitudes after the change of the previous one; assumed."""
 AIMED = 2
-"""Further searches at most, each with the aim that the draws after the last change ask for; assumed."""
+"""Further searches at most, each with the aim that the draws after the last change require; assumed."""
 NO_MORE = 0.01
-"""Share by which the amplitude may then miss the aim; assumed."""
+"""Relative amount by which the amplitude may then miss the aim; assumed."""
 VERIFIED = 3
-"""Remedies that are verified at most, until one is; for the time that they take."""
+"""Remedies verified at most, until one holds; to limit the time."""
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """A change and what comes of it.
+    """A change and its effect.
 
     Attributes:
         kind: one of `EFFORTS`, or two joined by `AND`.
-        values: the numbers after the change, by path [SI]; none where no number of the arm changes.
-        before: the same numbers as they are.
+        values: the numbers after the change, by path [SI]; empty if no number of the arm changes.
+        before: the same numbers before.
         percent: [%] speed after the change.
-        percent_before: [%] speed as it is.
+        percent_before: [%] present speed.
         amplitude: (3,) [m] expected: of the arm itself, with the excitation of the task.
         keeps: probability that the limit is kept.
         frequency: [Hz] first natural frequency, the lower of both ends of the motion.
@@ -337,7 +337,7 @@ class Remedy:
         change_norm: [-] size of the change, see `design.Place`; of speed and time, in powers of two.
         time: [s] from start to arrival.
         schedule: speeds along the path; None for the motion's own.
-        rotors: that are balanced.
+        rotors: the balanced ones.
     """
 
     kind: str
@@ -356,7 +356,7 @@ class Remedy:
 
     @property
     def effort(self) -> str:
-        """What it takes: software, a screwdriver, a new part; or two of them."""
+        """Its effort: software, a screwdriver, a new part; or two of them."""
         return " and ".join(EFFORTS[kind] for kind in self.kind.split(AND))
 
     @property
@@ -372,7 +372,7 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Verification:
-    """A remedy by the exact equations, and by draws that it was not chosen by.
+    """A remedy by the exact equations, and by fresh draws.
 
     Attributes:
         amplitude: (3,) [m] by the exact equations, with an excitation as of `at_confidence`.
@@ -396,17 +396,17 @@ class Verification:
 
 
 def single_remedies(task: Task, scatter: float, progress: Progress = iter) -> list[Remedy]:
-    """Return what another speed, other mass centres and other torsional stiffnesses bring; `cures` has what else does.
+    """Return the effect of another speed, other mass centres and other torsional stiffnesses; `cures` adds the rest.
 
-    A single number takes the least change that meets the limit for most draws. Where none of a kind does, several are
+    A single number takes the least change that meets the limit for most draws. If none of a kind does, several are
     changed together: the fewer parts are touched the better. They aim at the limit divided by the scatter of the draws,
-    before and then after the change, so that most of them keep it. Where that is out of reach, it is the least
-    amplitude.
+    before and then after the change, so that most draws keep it. If that is out of reach, the least amplitude is
+    returned.
 
     Args:
-        task: what is asked.
-        scatter: factor from the amplitude of the arm itself to what most of its draws keep.
-        progress: shows how far it is, over the remedies.
+        task: the diagnosis.
+        scatter: factor from the amplitude of the arm itself to the amplitude that most of its draws keep.
+        progress: shows progress over the remedies.
     """
     groups, aim = {"torsion": task.torsion, "mass centre": task.centres}, task.limit / max(scatter, 1.0)
     groups["transmission error"] = task.errors
@@ -416,13 +416,13 @@ def single_remedies(task: Task, scatter: float, progress: Progress = iter) -> li
     enough = {remedy.kind for remedy in found if remedy.meets_limit}
     several = [(group, kind) for kind, group in groups.items() if len(group) > 1 and kind not in enough]
     found += side_by_side([partial(_together, task, group, kind, aim) for group, kind in several], progress)
-    return [each for each in found if each.change_norm > 0]  # where each change makes it worse, none is left
+    return [each for each in found if each.change_norm > 0]  # where each change makes it worse, none remains
 
 
 def rank(remedy: Remedy) -> tuple[bool, Any, float, int, float]:
-    """Sort what meets the limit by the number of remedies in it, effort, time, kind and change norm.
+    """Sort remedies that meet the limit by the number of remedies combined, effort, time, kind and change norm.
 
-    Then what does not meet it by its amplitude.
+    Sort the others after them, by amplitude.
     """
     kinds, efforts = remedy.kind.split(AND), list(dict.fromkeys(EFFORTS.values()))
     if remedy.meets_limit:
@@ -448,9 +448,9 @@ def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
 def near_limit(
     size: Float[np.ndarray, "K"], limit: float, amplitudes: Callable[[np.ndarray], np.ndarray]
 ) -> Float[np.ndarray, "K"]:
-    """Return amplitudes of a row of changes where they matter; infinite where they were not computed.
+    """Return amplitudes over a row of changes where they matter; infinite where not computed.
 
-    Of every so many at first. Then of those around the least of these that meets the limit, else around the quietest.
+    First at every so many, then around the least of these that meets the limit, else around the quietest.
     """
     every, found = max(1, len(size) // COARSE), np.full(len(size), np.inf)
     coarse = np.arange(0, len(size), every)
@@ -469,7 +469,7 @@ def least(
 ) -> Remedy:
     """Return the remedy of the least size that meets the limit, else that of the least amplitude.
 
-    Amplitudes are asked for in the order of the sizes, up to that remedy.
+    Amplitudes are computed in the order of the sizes, up to that remedy.
     """
     found, tried = dict[int, float](), dict[int, Remedy]()
     for place in np.argsort(size, kind="stable").tolist():
@@ -485,7 +485,7 @@ def least(
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
     """Take the least change of several numbers that reaches the aim, or the least amplitude.
 
-    From the arm as it is; from the quietest of some places where that leads to neither, or all are above the aim.
+    Start from the present arm; from the quietest of some points if that fails, or all are above the aim.
     """
     whole = Search(task.evaluator(*variables), Requirements(), task.effort.screened, task.effort.iterations)
     evaluator = whole.objective.evaluator
@@ -494,7 +494,7 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
     starts, objective = search.starts(2, seed=0), search.objective
     quietest, quiet = min(starts, key=objective.largest), list[Point]()
     near: Sequence[Point] = starts
-    if objective.largest(quietest) > aim:  # out of reach, it seems: the least amplitude tells
+    if objective.largest(quietest) > aim:  # apparently out of reach: the least amplitude decides
         quiet = [u for u in [search.minimum_amplitude(quietest)] if u is not None]
         near = [u for u in quiet if objective.largest(u) <= aim]
     over = replace(whole, evaluator=task.over_phases(evaluator))
@@ -512,8 +512,8 @@ def _for_most_draws(task: Task, search: Search, evaluator: Evaluator, u: Point, 
     """Return the least change with which most draws keep the limit, too: they may scatter more than before a change.
 
     Args:
-        task: what is asked.
-        search: over all phases that are not known.
+        task: the diagnosis.
+        search: over all unknown phases.
         evaluator: with the draws.
         u: the least change for an aim.
         aim: [m]
@@ -531,20 +531,20 @@ def _for_most_draws(task: Task, search: Search, evaluator: Evaluator, u: Point, 
 
 
 def _least_change(task: Task, search: Search, start: Point, aim: float) -> Point | None:
-    """Return the least change with which `CONFIDENT` of all phases reach an aim [m]; None where none is found.
+    """Return the least change with which `CONFIDENT` of all phases reach an aim [m]; None if the search fails.
 
-    The amplitude over all phases is smooth, that of a share of them is not: so the former is searched, for the aim
-    times the ratio of both, which a change hardly alters, until it alters no more.
+    The maximum over all phases is smooth, a quantile over phases is not: so the search uses the former, with the aim
+    times the ratio of both, which a change hardly alters, until the ratio is constant.
 
     Args:
-        task: what is asked.
-        search: over all phases that are not known.
-        start: where it starts.
+        task: the diagnosis.
+        search: over all unknown phases.
+        start: starting point.
         aim: [m]
     """
 
     def reached(u: Point) -> tuple[float, float]:
-        """Return the amplitude with the share of the phases, and with all of them [m]."""
+        """Return the amplitude for the share of the phases, and for all phases [m]."""
         superposed = search.objective.evaluator.superposition(u * search.objective.scale)
         largest = float(superposed.worst.max())
         if not superposed.unknown:
@@ -568,7 +568,7 @@ def _slower_or_faster(task: Task) -> Remedy:
     ratios = np.unique([ratio for ratio in task.effort.speeds if ratio != 1])
     ratios = ratios[ratios * task.basis.percent <= max(FULL, task.basis.percent)]
     own, motion = task.evaluator(draws=task.assessment_draws), task.basis.motion
-    clocks = ratios / ratios[0]  # at each speed as many samples and steps as at the slowest
+    clocks = ratios / ratios[0]  # as many samples and steps at each speed as at the slowest
     evaluators = [
         replace(own, motion=motion.at_speed(100 * ratio), rate=RATE * clock, step=task.step / clock)
         for ratio, clock in zip(ratios, clocks, strict=True)
@@ -593,7 +593,7 @@ def assessed(
     schedule: Schedule | None = None,
     rotors: tuple[Rotor, ...] = (),
 ) -> Remedy:
-    """Assess a change by the draws of an evaluator, whose motion and excitation are those after it."""
+    """Assess a change by the draws of an evaluator with the motion and excitation after it."""
     amplitude, keeps = keeping(evaluator, changes, task.limit)
     end_state = evaluator.end_states(changes[None])
     values = evaluator.values(changes)
@@ -615,7 +615,7 @@ def assessed(
 
 
 def verify_in_turn(ranked: Sequence[Remedy], verify: Callable[[Remedy], Verification]) -> tuple[Verification, ...]:
-    """Verify the first remedy, and those that follow as long as they should meet the limit and none holds.
+    """Verify the first remedy, and the following ones while they should meet the limit and none holds.
 
     Args:
         ranked: the best first.
@@ -642,13 +642,13 @@ def carried_out(task: Task, remedy: Remedy) -> tuple[Task, Evaluator, Float[np.n
 
 
 def held(task: Task, schedule: Schedule) -> Motion:
-    """Return the motion of a schedule, held at its end as long as the task's own."""
+    """Return the motion of a schedule, with the dwell of the task's own motion."""
     own = task.basis.motion
     return schedule.motion.dwell(float(own.breaks[-1] - own.arrival))
 
 
 def verify_remedy(task: Task, remedy: Remedy, progress: Progress = iter) -> Verification:
-    """Simulate a remedy exactly, and with draws that it was not chosen by."""
+    """Simulate a remedy exactly, and with fresh draws."""
     task, evaluator, changes = carried_out(task, remedy)
     evaluator = replace(evaluator, draws=task.fresh_draws)
     excitation = likely_excitation(task, evaluator, changes)

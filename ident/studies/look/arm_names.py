@@ -1,4 +1,4 @@
-"""The names that an arm knows: what options and campaigns may call its joints, points, payloads and numbers."""
+"""The names of an arm, for options and campaigns: joints, points, payloads and numbers."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -13,7 +13,7 @@ from ident.identify.modal_analysis import modal_analysis
 from ident.studies.look.arm_view import home
 
 MODES = 6
-"""Modes that are named."""
+"""Number of named modes."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Number:
 
     Attributes:
         path: its name, as in `link2.com.x`.
-        value: in its unit, the SI one.
+        value: in its unit, an SI unit.
         unit: the unit.
-        origin: where it comes from; empty where that is not known.
+        origin: its source; empty if unknown.
         factor: whether it is fitted and changed by a factor, else by a difference.
     """
 
@@ -41,9 +41,9 @@ class ArmNames:
 
     Attributes:
         arm_file: the arm.
-        numbers: all that have a path.
+        numbers: all numbers with a path.
         posture: (driven,) [rad] at which modes are named.
-        modes: name and natural frequency [Hz] of each, ascending; none where the arm has no point or no equilibrium.
+        modes: name and natural frequency [Hz] of each, ascending; empty if the arm has no point or no equilibrium.
     """
 
     arm_file: ArmFile

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from ident.studies.look.arm_view import ArmView
 
 PERIOD = 2.0
-"""Duration of a swing [s]: all modes are shown at the same pace, far too slow."""
+"""Period of the animation [s]: the same for all modes, much slower than real."""
 READABLE = 567
-"""Width of the whole at which its smallest letters, of 12 px, are 10 px [px]."""
+"""Width of the picture at which its smallest letters, of 12 px, appear as 10 px [px]."""
 STYLE = (
     "text{font:13px system-ui,sans-serif;fill:#1b1f24}.soft{fill:#57606a;font-size:12px}"
     "polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}.still{display:none}"
@@ -30,11 +30,11 @@ STILL = ".moving{display:none}.still{display:inline}"
 
 
 def moving_modes(view: "ArmView", *, still: bool = False) -> str:
-    """Return the first modes as an SVG document in which each swings, largest displacements alike.
+    """Return the first modes as an animated SVG document, with equal largest displacements.
 
     Args:
-        view: an arm whose modes are known.
-        still: whether nothing moves, for a page whose reader wants no motion: an image in it does not know of that.
+        view: an arm with known modes.
+        still: without animation, for a page whose reader prefers no motion: an embedded image can't know that.
     """
     assert view.analysis is not None
     analysis = view.analysis
@@ -45,7 +45,7 @@ def moving_modes(view: "ArmView", *, still: bool = False) -> str:
         f'<g transform="translate({i % columns * WIDTH:g} {i // columns * (HEIGHT + MODE_WORDS):g})">{mode}</g>'
         for i, mode in enumerate(_modes(analysis, count, views(view)))
     )
-    # browsers apply the rule for who wants no motion where a moving picture is opened by itself
+    # browsers apply the rule of reduced motion to an animation opened by itself
     rules = STYLE + (STILL if still else f"@media (prefers-reduced-motion:reduce),print{{{STILL}}}")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:g} {size[1]:g}" width="{size[0]:g}" '
@@ -66,7 +66,7 @@ def _modes(analysis: "ModalAnalysis", count: int, seen: tuple[View, View]) -> It
 
 
 def _swinging(rest: Float[np.ndarray, "2 K"], swing: Float[np.ndarray, "2 K"], colour: str) -> str:
-    """Draw the arm at rest, and moving between both ends of its swing; still, it is drawn at both ends."""
+    """Draw the arm at rest, and moving between both ends of its swing; if still, at both ends."""
     every = np.concatenate([rest, rest + swing, rest - swing], 1)
     low, high = every.min(1), every.max(1)
     scale = min((WIDTH - 2 * ROOM) / max(high[0] - low[0], 1e-9), (HEIGHT - 2 * ROOM) / max(high[1] - low[1], 1e-9))
@@ -90,7 +90,7 @@ def _swinging(rest: Float[np.ndarray, "2 K"], swing: Float[np.ndarray, "2 K"], c
 
 
 def arm_section(view: "ArmView", title: str) -> Section:
-    """Return masses and reach of an arm, what looks odd, and its picture."""
+    """Return masses and reach of an arm, its plausibility checks, and its picture."""
     odd = [f"Looks odd: {each}." for each in view.oddities] or ["None of its numbers looks odd."]
     failure = [f"No modes: {view.failure}."] if view.failure else []
     alt = "The arm from the side and from above, with its bodies, mass centres, joints and points."

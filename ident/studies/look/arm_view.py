@@ -1,4 +1,4 @@
-"""What a picture of an arm shows: hinges, solids, belts, modes."""
+"""Content of an arm's picture: hinges, solids, belts, modes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from ident.errors import ModelError
 from ident.identify.modal_analysis import ModalAnalysis, modal_analysis
 
 # -------- Arm view
-# What a picture of an arm shows: joints, bodies, points, drives and belts in place, first modes, what looks odd.
+# Joints, bodies, points, drives and belts in place, first modes, plausibility checks.
 
 CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij")).reshape(3, 8)
 """Corners of a cube about the origin."""
 SHOWN_MODES = 4
-"""First modes of an arm that is drawn."""
+"""Number of first modes in the picture."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Hinge:
         name: of the joint.
         centre: (3,) [m] of the bushing.
         axis: (3,) direction of the pin.
-        frame: (3, 3) axes of the link behind it, columns.
+        frame: (3, 3) axes of the following link, columns.
         driven: whether it has a pin.
     """
 
@@ -80,19 +80,19 @@ class Run:
 
 @dataclass(frozen=True)
 class ArmView:
-    """An arm as it is drawn; all places in the base frame.
+    """An arm in place for drawing; all positions in the base frame.
 
     Attributes:
-        arm_file: the arm, and where it comes from.
+        arm_file: the arm, and its source.
         posture: (driven,) [rad]
         hinges: from the base outwards.
         solids: shafts, links and payloads.
         points: (3,) [m] named points, by name.
-        drives: (3,) [m] the bushing on which each drive sits, by its name.
+        drives: (3,) [m] the bushing of each drive, by its name.
         belts: belts.
-        analysis: modes and static deflection; None where there are none.
-        failure: why there are none; empty where there are.
-        oddities: what looks odd.
+        analysis: modes and static deflection; None if there are none.
+        failure: why there are none; empty otherwise.
+        oddities: implausible numbers.
     """
 
     arm_file: ArmFile
@@ -127,14 +127,14 @@ class ArmView:
 
 
 def home(arm: Arm) -> tuple[float, ...]:
-    """Return the posture [rad] in which an arm is drawn unless another is asked for: all zero, if it can be."""
+    """Return the posture [rad] in which an arm is drawn by default: all zero, if possible."""
     if arm.workspace.postures:
         return arm.workspace.postures[0]
     return tuple(float(np.clip(0.0, *joint.limits)) for joint in arm.driven)
 
 
 def arm_view(arm_file: ArmFile, posture: tuple[float, ...] | None = None) -> ArmView:
-    """Return an arm as it is drawn at a posture [rad], by default `home`, with its first modes and what looks odd.
+    """Return an arm in place at a posture [rad], by default `home`, with its first modes and plausibility checks.
 
     Raises:
         InputError: a posture of the wrong length.
@@ -222,9 +222,9 @@ def _runs(arm: Arm, hinges: dict[str, Hinge]) -> Iterator[Run]:
 
 
 # -------- Example
-# A campaign as it could have been measured on an arm, simulated from stated stiffnesses: an example to begin with.
+# A campaign as it could have been measured on an arm, simulated from stated stiffnesses: a starting example.
 
 EXAMPLE_POSTURES, EXAMPLE_MODES = 6, 4
 """Postures of the campaign, and frequencies in each."""
 SIGMA_DIAL, SIGMA_READ = 0.001, 0.01
-"""Standard deviation of a dial gauge: in mm, or as a fraction of what it reads, whichever is more."""
+"""Standard deviation of a dial gauge: in mm, or as a fraction of its reading, whichever is larger."""

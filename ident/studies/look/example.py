@@ -1,4 +1,4 @@
-"""An example campaign of an arm: what could be measured on it, simulated."""
+"""An example campaign of an arm: simulated measurements."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -13,14 +13,14 @@ from ident.studies.look.arm_view import EXAMPLE_MODES, EXAMPLE_POSTURES, SIGMA_D
 from ident.units import to_si
 
 FACTORS = (1.25, 0.8, 1.15, 0.85, 1.1, 0.9)
-"""What the stated stiffnesses are, over those of the arm's file: bending of each joint in turn, then torsion."""
+"""Ratios of the true stiffnesses to those of the arm file: bending of each joint in turn, then torsion."""
 SIGMA = 0.005
 """Standard deviation of a frequency as a fraction of its value."""
 SHARE = 0.1
 """Test mass as a share of the arm's mass, in whole kilograms."""
 SEED = 1
 WIDEST = math.radians(90)
-"""Angle of a pin up to which the arm is measured."""
+"""Largest joint angle of the campaign."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Example:
     """A simulated campaign, and the truth behind it.
 
     Attributes:
-        campaign: what was measured, noise included.
-        truth: [N m/rad] the stiffnesses that it was simulated with, by path.
+        campaign: the measurements with noise.
+        truth: [N m/rad] the true stiffnesses of the simulation, by path.
     """
 
     campaign: Campaign
@@ -37,7 +37,7 @@ class Example:
 
     @property
     def comments(self) -> tuple[str, ...]:
-        """What the file says of itself."""
+        """Comment lines of the file."""
         stated = [f"{path} = {value:g}" for path, value in self.truth.items()]
         return (
             "EXAMPLE NUMBERS, simulated by ident and not measured on any robot. Replace the rows by your own.",
@@ -56,8 +56,8 @@ class Example:
 def example(arm: Arm) -> Example:
     """Return a campaign on an arm whose stiffnesses differ from those of its file by `FACTORS`.
 
-    In each of some postures: the lowest natural frequencies, named as two accelerometers would tell them where the name
-    is clear, and by how much a test mass lowers the end point.
+    In each of some postures: the lowest natural frequencies, named as two accelerometers would identify them where the
+    name is clear, and the deflection of the end point under a test mass.
     """
     paths = stiffness_paths(arm)
     factors = [FACTORS[i % len(FACTORS)] for i in range(len(paths))]
@@ -85,7 +85,7 @@ def _measured(arm: Arm) -> Iterator[Measurement]:
 
 def _postures(arm: Arm) -> Iterator[tuple[float, ...]]:
     """Yield `home`, and postures spread evenly between the limits (Halton, 1960), in whole degrees."""
-    from scipy.stats import qmc  # long to import, and seldom needed
+    from scipy.stats import qmc  # slow to import, and seldom needed
 
     yield home(arm)
     bounds = [(max(low, -WIDEST), min(high, WIDEST)) for low, high in (joint.limits for joint in arm.driven)]

@@ -1,4 +1,4 @@
-"""What a page needs to compute an arm itself: its numbers under a load, its stroke, what is known and was measured."""
+"""Input of the explorer page: numbers of an arm under a load, its stroke, posterior bands and measured values."""
 
 import math
 from collections.abc import Mapping
@@ -21,26 +21,26 @@ from ident.text import did_you_mean, quoted
 from ident.vibrate.motion import Motion
 
 FINE = 401
-"""Times at which the speed of the stroke is tabulated by place; between them the page takes straight lines."""
+"""Positions at which the speed of the stroke is tabulated; the page interpolates linearly."""
 SHARE = 0.1
-"""Largest mass at a point, as a share of the arm's; made a round number."""
+"""Largest mass at a point, as a share of the arm's, rounded."""
 INTERVAL = (0.05, 0.95)
 """Quantiles of a band."""
 
 
 @dataclass(frozen=True)
 class Carried:
-    """What a payload slider moves: a mass at a point, or a payload that keeps its shape and changes its density.
+    """Payload of the slider: a mass at a point, or a payload with fixed shape and variable density.
 
     Attributes:
-        kind: which of both.
+        kind: payload or point.
         name: of the payload or the point.
-        joint: place of the joint that carries it.
+        joint: index of the joint that carries it.
         unit: moments about the bushing for 1 kg of it, along the link's axes, without batch.
         nominal: [kg] mass of the payload in the arm file; zero for a point.
         inertia: (3,) [kg m^2] diagonal of the payload's inertia in the arm file; zero for a point.
         largest: [kg] end of the slider.
-        present: [kg] what it has to begin with.
+        present: [kg] initial value.
     """
 
     kind: Literal["payload", "point"]
@@ -55,7 +55,7 @@ class Carried:
 
 @dataclass(frozen=True)
 class StrokeSpeed:
-    """How fast a stroke passes each place at full speed.
+    """Speed of a stroke over position, at full speed.
 
     Attributes:
         alpha: (F,) [rad] from folded to unfolded.
@@ -73,13 +73,13 @@ class Exploration:
     """An arm, to be explored.
 
     Attributes:
-        arm: with the numbers that the page begins with.
-        model: its moments of mass, bushings, points and drives under what hangs on it always, without batch.
-        fixed: what hangs on it always.
-        carried: what the payload slider moves.
-        stroke: speed along the stroke; None where there is none.
+        arm: with the initial numbers of the page.
+        model: its moments of mass, bushings, points and drives under the permanent load, without batch.
+        fixed: the permanent load.
+        carried: the payload of the slider.
+        stroke: speed along the stroke; None without one.
         bands: 5 and 95 % quantiles of a posterior [SI], by path.
-        measured: values to show beside.
+        measured: measured values for comparison.
     """
 
     arm: Arm
@@ -99,19 +99,19 @@ def exploration(
     draws: Mapping[str, Float[np.ndarray, "D"]] | None = None,
     measured: Campaign | None = None,
 ) -> Exploration:
-    """Gather what a page needs of an arm.
+    """Collect the input of the explorer page.
 
     Args:
         arm: of plain numbers.
-        load: what hangs on it to begin with.
-        payload: payload or point whose mass is changed; the first payload or else the end point, if none is named.
+        load: initial load.
+        payload: payload or point with variable mass; by default the first payload or else the end point.
         extension: the stroke at full speed, of an arm that has one.
         draws: of numbers of the arm [SI], by path.
-        measured: values to show beside.
+        measured: measured values for comparison.
 
     Raises:
-        InputError: a payload or point that the arm has not, an arm without any point or with curved springs, a campaign
-            of another arm.
+        InputError: an unknown payload or point, an arm without any point or with curved springs, a campaign of another
+            arm.
     """
     _check(arm, payload, measured)
     loads_of(arm, load)
@@ -126,18 +126,18 @@ def exploration(
 
 
 def without(load: Load, carried: Carried) -> Load:
-    """Return what hangs on the arm besides what the slider moves."""
+    """Return the load without the slider's payload."""
     payloads = tuple(name for name in load.payloads if (carried.kind, name) != ("payload", carried.name))
     masses = tuple((m, point) for m, point in load.masses if (carried.kind, point) != ("point", carried.name))
     return Load(payloads, masses, load.forces, load.moments, load.own)
 
 
 class Added(NamedTuple):
-    """What a load case has more than what hangs on the arm always.
+    """Difference between a load case and the permanent load.
 
     Attributes:
-        mass: [kg] of what is carried.
-        masses: mass [kg] and point of each other one; below zero for one that is missing.
+        mass: [kg] of the slider's payload.
+        masses: mass [kg] and point of each other one; negative for a missing one.
         forces: (3,) force [N] and point of each.
     """
 
@@ -147,7 +147,7 @@ class Added(NamedTuple):
 
 
 def added(load: Load, fixed: Load, carried: Carried) -> Added | None:
-    """Return what makes a load case of what hangs on the arm always; None where a payload or moment differs."""
+    """Return the difference between a load case and the permanent load; None if a payload or moment differs."""
     rest = without(load, carried)
     if (rest.payloads, rest.moments, rest.own) != (fixed.payloads, fixed.moments, fixed.own):
         return None
@@ -160,7 +160,7 @@ def added(load: Load, fixed: Load, carried: Carried) -> Added | None:
 
 
 def mass_of(load: Load, fixed: Load, carried: Carried) -> float | None:
-    """Return how much [kg] of what is carried makes a load case; None where it is another one."""
+    """Return the slider mass [kg] that gives a load case; None if no mass does."""
     return None if without(load, carried) != fixed else _mass(load, carried)
 
 

@@ -1,4 +1,4 @@
-"""Write a page on which an arm is explored by hand: sliders, and what the arm does with them."""
+"""Write a page to explore an arm by hand: sliders, and the response of the arm."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from ident.vibrate.motion import Motion
 
 BESIDE = 0.05
-"""Angle [deg] by which a posture may be beside the stroke."""
+"""Tolerance [deg] of a posture from the stroke."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExploreOptions(ArmOptions):
-    """Options of `ident.explore`: where the page begins, and whose mass its payload slider changes."""
+    """Options of `ident.explore`: the initial state of the page, and the payload of its slider."""
 
     payload: str = option("", "payload or point whose mass can be changed; default: the first payload, or the end")
     posture: tuple[float, ...] = option(
@@ -41,7 +41,7 @@ class ExploreOptions(ArmOptions):
     draws: int = option(200, "draws of the posterior", low=2, high=100_000)
 
     def problems(self) -> list[Problem]:
-        """Return a negative mass or stiffness, or a posture that is none."""
+        """Return a negative mass or stiffness, or an invalid posture."""
         expected = f"several angles within {FARTHEST:g} deg"
         wrong = Problem("posture", f"{self.posture}", expected, "as (30, -60, 30)")
         return [*super().problems(), *([] if all(map(is_angle, self.posture)) else [wrong])]
@@ -49,17 +49,17 @@ class ExploreOptions(ArmOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ExploreResult(Result):
-    """An arm as a page: one HTML file that asks for nothing and computes by itself.
+    """An arm as a page: one HTML file that loads nothing and computes by itself.
 
-    Its table has a row for each stiffness [SI] and mass [kg] that has a slider: name, value, unit. It has no
-    figure: the page draws.
+    The table has a row for each stiffness [SI] and mass [kg] with a slider: name, value, unit. There is no figure: the
+    page draws.
 
     Attributes:
-        arm: the arm as its file has it.
-        exploration: what the page knows of it.
-        options: what was asked for.
-        posture: (driven,) [deg] that the page begins with.
-        fit: fitted values that the arm has taken over.
+        arm: the arm as in its file.
+        exploration: the input of the page.
+        options: the options of the call.
+        posture: (driven,) [deg] initial posture of the page.
+        fit: fitted values of the arm.
         posterior: draws of the arm's numbers.
     """
 
@@ -102,22 +102,22 @@ def explore(
     posterior: "Values | None" = None,
     measured: "Campaign | None" = None,
 ) -> ExploreResult:
-    """Make a page on which stiffnesses, payload, speed and posture of an arm are changed by hand.
+    """Make a page to change stiffnesses, payload, speed and posture of an arm by hand.
 
-    It shows the arm and its modes, natural frequencies along the motion against the pulleys', static deflection and
-    steady response, computed by the page itself: no network, no server.
+    It shows the arm and its modes, natural frequencies [Hz] along the motion against the pulleys', static deflection
+    and steady response, computed by the page itself: no network, no server.
 
     Args:
         arm: the arm.
-        options: posture, load and speed to begin with; numbers to change.
-        fit: fitted values that the arm takes over: a result, or its file.
-        posterior: draws for marks at 5 and 95 % of each stiffness, or the file of `ident sample`; the arm takes over
-            their medians unless it has fitted values.
-        measured: a campaign, whose values are shown beside the computed ones.
+        options: initial posture, load and speed; numbers to change.
+        fit: fitted values for the arm: a result, or its file.
+        posterior: draws for marks at 5 and 95 % of each stiffness, or the file of `ident sample`; the arm takes their
+            medians unless it has fitted values.
+        measured: a campaign, whose values are shown next to the computed ones.
 
     Raises:
-        InputError: a posture of the wrong length, a load or a number that the arm has not, an arm without any point; a
-            file that does not fit the arm.
+        InputError: a posture of the wrong length, an unknown load or number, an arm without any point; a file that does
+            not match the arm.
     """
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
@@ -134,14 +134,14 @@ def explore(
 
 
 def page_of(basis: "Basis", measured: "Campaign", soft_base: float | None, profile: str | None, posterior: str) -> str:
-    """Return the page of an arm that another study has come to, beside what was measured.
+    """Return the page of an arm from another study, with the measured values for comparison.
 
     Args:
         basis: the arm, its load, and the posterior's draws.
         measured: the campaign.
-        soft_base: [m] height of a base that gives, or None.
-        profile: of the stroke's speed, or None for the arm file's.
-        posterior: file that the page's commands take the draws from.
+        soft_base: [m] height of a compliant base, or None.
+        profile: speed profile of the stroke, or None for the arm file's.
+        posterior: file of the draws, for the page's commands.
     """
     from ident.studies.look.exploration import exploration
     from ident.studies.look.explore_page import Start, explore_page
@@ -165,7 +165,7 @@ def _check_on_stroke(arm: "Arm", posture: tuple[float, ...]) -> None:
 
 
 def _middle(arm: "Arm") -> tuple[float, ...]:
-    """Return the middle of the stroke [deg], where the pulleys turn; all angles zero where there is none."""
+    """Return the middle of the stroke [deg], where the pulleys turn; all angles zero without a stroke."""
     if arm.stroke is None:
         return (0.0,) * len(arm.driven)
     alpha = round(degrees(float(arm.stroke.folded) + float(arm.stroke.unfolded)) / 2)

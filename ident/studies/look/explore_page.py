@@ -1,7 +1,7 @@
-"""The page of `ident explore`: template, style and script as one file that asks for nothing.
+"""The page of `ident explore`: template, style and script as one file that loads nothing.
 
-Names come from files that anybody may have written. In the page's data every `<` is escaped, the script puts words
-into the page as text alone, and a content security policy admits this one script and this one style, by their hashes.
+Names come from files of unknown authors. In the page's data every `<` is escaped, the script inserts words only as
+text, and a content security policy admits this one script and this one style, by their hashes.
 """
 
 import base64
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from ident.measure import Measurement
 
 # -------- Data
-# What a page knows of an arm, as plain data in SI: a matrix row by row, angles in radians unless said in degrees.
+# Input of the page, as plain data in SI: a matrix row by row, angles in radians unless stated in degrees.
 
 SOURCES = files("ident.studies.look") / "explorer"
 """The template, the style and the scripts of the page."""
 NOT_SHOWN = ("damping_ratio", "shape")
-"""Kinds of measurement that the page does not show beside what it computes."""
+"""Kinds of measurement that the page does not show."""
 
 
 def page_data(exploration: Exploration) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def _reading(exploration: Exploration, m: "Measurement") -> dict[str, Any]:
 
 
 def _loads(exploration: Exploration, m: "Measurement") -> list[dict[str, Any]] | None:
-    """Return what each load case of a reading adds, the reference last; None where the page can't have it."""
+    """Return the addition of each load case of a reading, the reference last; None if the page can't apply it."""
     cases = [m.load, *([m.reference_load] if m.kind in DIFFERENCES else [])]
     found = [added(case, exploration.fixed, exploration.carried) for case in cases]
     if any(each is None for each in found):
@@ -150,12 +150,12 @@ SCRIPTS = ("mechanics.js", "response.js", "readings.js", "drawing.js", "state.js
 
 @dataclass(frozen=True)
 class Start:
-    """Where a page begins, and with which options its commands go on.
+    """Initial state of a page, and the options of its commands.
 
     Attributes:
         posture: (driven,) [deg]
         speed: [%] of full speed.
-        soft_base: [m] height of a base that gives, or None.
+        soft_base: [m] height of a compliant base, or None.
         changed: numbers that were set, by path [SI].
     """
 
@@ -176,11 +176,11 @@ def explore_page(
     """Return the page as HTML; the same arm gives the same text.
 
     Args:
-        exploration: what it knows of the arm.
-        arm_file: where the arm is from.
-        start: where it begins.
-        fit: fitted values that the arm has taken over.
-        posterior: draws that the marks are from.
+        exploration: the input of the page.
+        arm_file: source of the arm.
+        start: initial state.
+        fit: fitted values of the arm.
+        posterior: source of the marks.
     """
     script, style = _script(), _source("explore.css")
     sources = {"fit": fit, "posterior": posterior}
@@ -189,7 +189,7 @@ def explore_page(
         "command": list(_arguments(arm_file, start, sources)),
         "set": dict(start.changed),
     }
-    # data as JSON in which nothing ends a script or begins a comment
+    # data as JSON in which nothing ends a script or starts a comment
     text = template_of("ident.studies.look", "explorer/page.html.jinja").render(
         title=exploration.arm.name,
         remarks=[line.strip() for line in _remarks(exploration, start, fit, posterior)],
@@ -220,7 +220,7 @@ def _remarks(exploration: Exploration, start: Start, fit: "Values | None", poste
 
 
 def _arguments(arm_file: "ArmFile", start: Start, sources: Mapping[str, "Values | None"]) -> Iterator[str]:
-    """Yield what every command about this arm begins with."""
+    """Yield the common first arguments of all commands for this arm."""
     yield arm_file.path or "arm.toml"
     for name, values in sources.items():
         if values is not None and values.path:

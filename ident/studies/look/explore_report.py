@@ -1,4 +1,4 @@
-"""The explorer's numbers as a report: what the sliders stand at, and what the arm does there."""
+"""The explorer's numbers as a report: slider values, and the response of the arm."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -19,12 +19,12 @@ def explore_sections(
     posterior: "Values | None" = None,
     changed: Mapping[str, float] | None = None,
 ) -> Report:
-    """Say which sliders the page has, and which values it begins with.
+    """Return the sliders of the page, and their initial values.
 
     Args:
-        exploration: what the page knows of the arm.
-        fit: fitted values that the arm has taken over.
-        posterior: draws that the marks are from.
+        exploration: the input of the page.
+        fit: fitted values of the arm.
+        posterior: source of the marks.
         changed: numbers that were set, by path [SI].
     """
     arm, carried = exploration.arm, exploration.carried
@@ -40,7 +40,7 @@ def explore_sections(
 
 
 def explore_rows(exploration: "Exploration") -> list[dict[str, Any]]:
-    """Return a row for each number that has a slider."""
+    """Return a row for each number with a slider."""
     arm, carried = exploration.arm, exploration.carried
     rows = [{"name": p, "value": float(arm.get(p)), "unit": unit_of(p)} for p in stiffness_paths(arm)]
     return [*rows, {"name": f"{carried.kind} {carried.name}", "value": carried.present, "unit": "kg"}]

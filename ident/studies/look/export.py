@@ -1,4 +1,4 @@
-"""Write what was identified back into the arm's own description, or as JSON for other programs."""
+"""Write identified numbers back into the arm's own description, or as JSON for other programs."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 
 # -------- Exported
-# What `ident export` writes: the arm that was identified, and where its numbers come from.
+# Content of an export: the identified arm, and the sources of its numbers.
 
 
 @dataclass(frozen=True)
 class Exported:
-    """What is written.
+    """Content of an export.
 
     Attributes:
         path: the file.
-        own: the description of the arm, and the arm as it stands there.
-        arm: the arm that was identified.
-        found: what was identified of it.
-        posture: [deg] where its MJCF is exact under weight; None for without weight.
+        own: the description of the arm, and the arm in it.
+        arm: the identified arm.
+        found: the identified numbers.
+        posture: [deg] at which its MJCF is exact under weight; None for without weight.
     """
 
     path: Path
@@ -44,14 +44,14 @@ class Exported:
 
     @property
     def changed(self) -> Mapping[str, float]:
-        """The numbers [SI] in which the arm differs from its file, inertias included."""
+        """Numbers [SI] in which the arm differs from its file, inertias included."""
         before = self.own.arm.numbers()
         numbers = ((name, float(value)) for name, value in self.arm.numbers().items())
         return {name: value for name, value in numbers if name not in before or value != float(before[name])}
 
     @property
     def origins(self) -> Mapping[str, str]:
-        """Origin of each quantity, as `link2.com`: `calibrated` of what was fitted or goes with it; none of a base."""
+        """Origin of each quantity, as `link2.com`: `calibrated` if fitted or derived from a fit; without a base's."""
         old, changed = self.own.origins, self.changed
         goes = [path for path in changed if path in self.found.values or (path in old and ".inertia." in path)]
         kept = {_quantity(path): origin for path, origin in old.items() if path not in changed}
@@ -66,18 +66,18 @@ def exported(
     force: bool,
     where: str,
 ) -> Exported:
-    """Return the arm that was identified, what was identified of it, and the file to write.
+    """Return the identified arm, its identified numbers, and the file to write.
 
     Args:
         read: the result.
-        path: the file to write; None for the one of the description's name.
+        path: the file to write; None for the name of the description.
         own: the description to write into.
         posture: see `export`.
         force: see `export`.
         where: the result's file; empty for none.
 
     Raises:
-        InputError: the file describes another robot, unless that is forced.
+        InputError: the file describes another robot, and `force` is off.
     """
     import numpy as np
 
@@ -95,7 +95,7 @@ def exported(
     if strange := [name for name in fitted.arm.paths() if name in identified.values and name not in paths]:
         got, remedy = f"no {strange[0]}, which was fitted", "give the one that was fitted (`arm`)"
         raise refusal(one_line(own.path), got, "an arm that has it", remedy)
-    # another robot's springs are no springs of this one
+    # the springs of another robot do not apply to this one
     numbers = Values(where, "", {name: np.asarray(value) for name, value in values.items()})
     here = own.arm if fitted.arm.base is None else based
     robots = Robot.of(fitted.arm, source.sha256 if source else ""), Robot.of(here, own.sha256)
@@ -122,7 +122,7 @@ def _read(result: "Result | Saved | str | Path") -> "Result | Saved":
 
 
 def _identified(read: "Result | Saved", fitted: "CampaignFit", own: "ArmFile") -> "Identified":
-    """Return what was identified: numbers of the arm, and of what else was fitted."""
+    """Return the identified numbers: those of the arm, and other fitted ones."""
     from ident.identify.values import Identified
     from ident.studies.saved import Saved
 
@@ -134,7 +134,7 @@ def _identified(read: "Result | Saved", fitted: "CampaignFit", own: "ArmFile") -
             name: (float(low), float(high)) for name, (low, high) in zip(names, fitted.interval(), strict=True)
         }
     else:
-        rows = {row["parameter"]: row for row in reversed(read.table())}  # those about the best optimum come first
+        rows = {row["parameter"]: row for row in reversed(read.table())}  # rows about the best optimum come first
         values = {name: rows[name]["median"] for name in names}
         intervals = {name: (rows[name]["low_95"], rows[name]["high_95"]) for name in names}
     supported = {path for item, yes in zip(items, fitted.supported, strict=True) if yes for path in item.paths}
@@ -167,24 +167,25 @@ def export(
     posture: tuple[float, ...] | None = None,
     force: bool = False,
 ) -> tuple[Path, ...]:
-    """Write the arm that was identified, in the format that a file's ending names, and return the paths written.
+    """Write the identified arm in the format of a file's ending, and return the paths written.
 
-    `.xml`: the arm's MJCF with three passive hinges before each driven one, of its bushing's stiffness and damping, and
-    what else was fitted; a soft base is such hinges of a body about the arm. `.urdf`: the arm's URDF with the bushings
-    as a comment. Beside both `.joints.toml`, by which ident reads them. `.toml`: the arm file with the identified
-    numbers, of the origin `calibrated`; of a robot description the whole arm. `.json`: the numbers with intervals.
+    `.xml`: the arm's MJCF with three passive hinges before each driven one, with the stiffness and damping of its
+    bushing, and other fitted numbers; a soft base becomes such hinges of a body around the arm. `.urdf`: the arm's URDF
+    with the bushings as a comment. Both come with `.joints.toml`, from which ident reads them. `.toml`: the arm file
+    with the identified numbers, origin `calibrated`; for a robot description the whole arm. `.json`: numbers [SI] with
+    intervals.
 
     Args:
-        result: of `ident.fit` or `ident.sample`, or its file; of a posterior the medians are written.
-        path: the file to write, none of those that were read; by default `out/arm.fitted.toml`, with the name and the
-            ending of the arm's description.
-        arm: the description to write into; by default the one that was fitted, found by its hash.
-        posture: joint angles [deg] where MJCF gets springs that are exact under the arm's weight, and near it.
+        result: of `ident.fit` or `ident.sample`, or its file; for a posterior the medians are written.
+        path: the file to write, none of the input files; by default `out/arm.fitted.toml`, with the name and the ending
+            of the arm's description.
+        arm: the description to write into; by default the fitted one, found by its hash.
+        posture: joint angles [deg] at which MJCF springs are exact under the arm's weight.
         force: write into the description of another robot, too.
 
     Raises:
-        InputError: no such result, another robot's description, one of another format or without these numbers, or
-            nothing can be written.
+        InputError: no such result, another robot's description, one of another format or without these numbers, or a
+            failed write.
     """
     from ident.files import replace_file, together
     from ident.studies.saved import files_of, reading
@@ -250,7 +251,7 @@ def _urdf(asked: Exported) -> Mapping[Path, bytes]:
 
 
 def _joints(asked: Exported) -> dict[Path, bytes]:
-    """Return the file of bushings that goes beside a robot description, by which ident reads it again."""
+    """Return the file of bushings for a robot description, from which ident reads it again."""
     from ident.description.robot import beside, joints_text
     from ident.text import read_text
 
@@ -326,7 +327,7 @@ def _check_kind(path: Path, own: "ArmFile", kind: str, expected: str) -> None:
 
 
 def _check_held(asked: Exported, is_lost: Callable[[str], bool], words: str) -> None:
-    """Refuse numbers in which the arm differs from its file, and for which a format has no place."""
+    """Refuse numbers in which the arm differs from its file, if the format has no place for them."""
     if lost := [name for name in asked.changed if is_lost(name)]:
         got, expected = f"{', '.join(lost[:3])} besides", f"an arm of other bushings alone: no place for {words}"
         raise refusal(one_line(str(asked.path)), got, expected, "write .toml or .json, or hold them (--fix)")

@@ -1,4 +1,4 @@
-"""What was identified, as a comment in a robot description."""
+"""Identified numbers, as a comment in a robot description."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -14,13 +14,13 @@ SHOWN = ("k_bend", "k_tors", "tau_bend", "tau_tors")
 
 
 def identified_lines(arm: Arm, found: "Identified", date: str, posture: tuple[float, ...] | None = None) -> list[str]:
-    """Return where the bushings of an arm come from, each of their numbers with its interval, and what else was fitted.
+    """Return the source of an arm's bushings, each of their numbers with its interval, and other fitted numbers.
 
     Args:
-        arm: the arm that was identified.
-        found: what was identified.
+        arm: the identified arm.
+        found: the identified numbers.
         date: of today.
-        posture: [deg] where springs are tangent to its bushings.
+        posture: [deg] at which the springs are tangent to the bushings.
     """
     lines = [f"Bushings of {one_line(arm.name)}, identified by ident, {date}"]
     lines += [f"{word}: {one_line(path)}, SHA-256 {sha256}" for word, path, sha256 in found.sources]

@@ -1,4 +1,4 @@
-"""A first arm and campaign: files with example numbers, ready to run and to be filled in."""
+"""A first arm and campaign: files with example numbers, ready to run and to fill in."""
 
 import os
 import re
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from ident.description.robot import Robot
 
 KINDS = ("scara", "six-axis")
-"""Arms that there are templates of."""
+"""Arms with a template."""
 ARM, CAMPAIGN = "arm.toml", "campaign.csv"
 FREQUENCY = 25.0
-"""Frequency [Hz] at which each joint of a described robot alone would vibrate by its guessed bending stiffness."""
+"""Frequency [Hz] at which each joint of a described robot alone would vibrate with its guessed bending stiffness."""
 RATIO = 0.01
-"""Damping ratio of all modes that is assumed of a described robot."""
+"""Damping ratio of all modes assumed for a described robot."""
 LEAST = 0.02
-"""Least guess of a stiffness, as a share of the first joint's: what a wrist carries says little about its drive."""
+"""Least guess of a stiffness, as a share of the first joint's: a wrist's load says little about its drive."""
 HEAD = """Made by ident from {robot}. Lengths, masses and inertias are those of that file. STIFFNESSES AND DAMPING ARE
 GUESSED, such that each joint alone would vibrate at {frequency:g} Hz. Replace them by catalogue values: k_bend is
 across the axis (bearing and casting), k_tors about it (drive). A picture of what stands here: ident show arm.toml
@@ -36,12 +36,12 @@ In the zero posture all frames are parallel to the base's. Vectors start at the 
 
 @dataclass(frozen=True)
 class New:
-    """What was written.
+    """The written files.
 
     Attributes:
-        folder: where.
-        paths: the arm's file and the campaign's.
-        notes: where the arm is not what its robot description says.
+        folder: folder of the files.
+        paths: files of the arm and the campaign.
+        notes: differences between the arm and its robot description.
     """
 
     folder: Path
@@ -50,14 +50,14 @@ class New:
 
 
 def new(kind: str, folder: str | Path) -> New:
-    """Write an arm of a kind and a campaign on it, both of example numbers, into a new folder.
+    """Write an arm of a kind and a campaign on it, both with example numbers, into a new folder.
 
     Args:
         kind: one of `KINDS`.
-        folder: a folder that is new or empty.
+        folder: a new or empty folder.
 
     Raises:
-        InputError: no such kind, or a folder that has files already or can't be written.
+        InputError: no such kind, or a folder that already has files or can't be written.
     """
     if kind not in KINDS:
         remedy = did_you_mean(kind, KINDS, "or give a robot description, --robot robot.urdf")
@@ -72,11 +72,11 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
 
     Args:
         robot: the file.
-        folder: a folder that is new or empty.
-        tip: the link, body or site that the arm ends with; by default the end of the chain.
+        folder: a new or empty folder.
+        tip: the link, body or site at the end of the arm; by default the end of the chain.
 
     Raises:
-        InputError: a robot description of no serial arm, or a folder that has files already or can't be written.
+        InputError: a robot description of no serial arm, or a folder that already has files or can't be written.
     """
     from ident.arm.fields import STIFFNESS
     from ident.arm.plausibility import oddities
@@ -92,7 +92,7 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
     name = one_line(Path(robot).name)
     head = HEAD.format(robot=name, frequency=FREQUENCY) + "\n".join(["\n" * bool(described.notes), *described.notes])
     text = arm_text(arm, origin="derived", guessed=STIFFNESS, note=f"from {name}", head=head, ratio=RATIO)
-    with placed(described.where):  # the lines are those of a file that is not written
+    with placed(described.where):  # line numbers refer to a file that is not written
         written = parse_arm(text, described.where)
     made = example(written)
     made_files = _write(Path(folder), text, campaign_text(made.campaign, header_comments=made.comments))
@@ -101,7 +101,7 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
 
 
 def _gripper(robot: "Robot") -> Iterator[str]:
-    """Yield the note on a last joint that is called like a gripper's."""
+    """Yield the note on a last joint named like a gripper's."""
     last, before = robot.pins[-1], robot.pins[-2:][0]
     if re.search("grip|jaw|finger|claw", last.name.lower()):
         tip = f"; if it is a gripper's, name what the arm ends with: --tip {before.carrier.partition(' ')[2]}"
@@ -109,7 +109,7 @@ def _gripper(robot: "Robot") -> Iterator[str]:
 
 
 def guessed_stiffness(arm: "Arm") -> Mapping[str, tuple[float, float]]:
-    """Return bending and torsional stiffness [N m/rad] by joint, with which each joint alone would vibrate alike."""
+    """Return bending and torsional stiffness [N m/rad] by joint; with them each joint alone has the same frequency."""
     from ident.arm.plausibility import carried
 
     inertia = [beyond.inertia for beyond in carried(arm)]
@@ -120,7 +120,7 @@ def guessed_stiffness(arm: "Arm") -> Mapping[str, tuple[float, float]]:
 
 
 def check_new(folder: Path) -> None:
-    """Refuse a folder that has something in it, or is none.
+    """Refuse a folder that is not empty, or no folder.
 
     Raises:
         InputError: it is a file, or not empty.

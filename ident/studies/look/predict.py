@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PredictOptions(ArmOptions):
-    """Options of `ident.predict`: where the arm is held, what it carries, and how many modes are asked for."""
+    """Options of `ident.predict`: postures, load, and number of modes."""
 
     posture: tuple[tuple[float, ...], ...] = repeated(
         (),
@@ -40,7 +40,7 @@ class PredictOptions(ArmOptions):
     seed: int | None = seed_of_draws()
 
     def problems(self) -> list[Problem]:
-        """Return a negative mass or stiffness, or a posture that is none."""
+        """Return a negative mass or stiffness, or an invalid posture."""
         fine = all(isinstance(q, tuple | list) and all(map(is_angle, q)) for q in self.posture)
         expected, remedy = f"postures, each of several angles within {FARTHEST:g} deg", "as ((30, -60, 30),)"
         return [*super().problems(), *([] if fine else [Problem("posture", f"{self.posture}", expected, remedy)])]
@@ -48,15 +48,15 @@ class PredictOptions(ArmOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class PredictResult(Result):
-    """What an arm does at each of some postures.
+    """Modes and static deflection of an arm at some postures.
 
-    Its table has a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio.
+    The table has a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio.
 
     Attributes:
-        arm: the arm as its file has it.
+        arm: the arm as in its file.
         predictions: modes and static deflection at each posture, in the order of the options, with those by draws.
-        options: what was asked for.
-        fit: fitted values that the arm has taken over.
+        options: the options of the call.
+        fit: fitted values of the arm.
         posterior: draws of the arm's numbers.
     """
 
@@ -76,7 +76,7 @@ class PredictResult(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the arm's description says, and whether a posture's unit is right."""
+        """Notes of the arm's description, and on the unit of a posture."""
         return (*super().notes, *asked_postures(each.posture for each in self.analyses))
 
     @property
@@ -103,7 +103,7 @@ class PredictResult(Result):
 
     @property
     def labels(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the modes at each posture, by what moves: `vertical bending 1`."""
+        """Names of the modes at each posture, by their motion: `vertical bending 1`."""
         return tuple(tuple(map(str, analysis.labels)) for analysis in self.analyses)
 
     @property
@@ -112,7 +112,7 @@ class PredictResult(Result):
         return tuple(analysis.deflection for analysis in self.analyses)
 
     def figures(self) -> "dict[str, Figure]":
-        """Return one figure a posture, `2` the second's: the modes from the side and from above."""
+        """Return one figure a posture, `2` for the second: the modes from the side and from above."""
         from ident.studies.look.predict_figure import mode_figure
 
         return {str(i + 1) if i else "": mode_figure(analysis) for i, analysis in enumerate(self.analyses)}
@@ -121,7 +121,7 @@ class PredictResult(Result):
         """Draw the natural frequencies against the angle of a joint, for postures along a motion.
 
         Args:
-            joint: its name; the first joint that turns from posture to posture where none is given.
+            joint: its name; by default the first joint that turns from posture to posture.
 
         Raises:
             InputError: the arm has no such driven joint.
@@ -151,13 +151,13 @@ def predict(
     Args:
         arm: the arm.
         options: postures, by default the one with all angles zero; load; numbers to change; number of modes.
-        fit: fitted values that the arm takes over: a result, or its file.
-        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
-            unless it has fitted values.
+        fit: fitted values for the arm: a result, or its file.
+        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes their medians unless it
+            has fitted values.
 
     Raises:
-        InputError: a posture of the wrong length, a load or a number that the arm has not, an arm without any point; a
-            file that does not fit the arm.
+        InputError: a posture of the wrong length, an unknown load or number, an arm without any point; a file that does
+            not match the arm.
         ModelError: the arm has no stable equilibrium there.
     """
     from ident.identify.modal_analysis import modal_analysis

@@ -20,19 +20,19 @@ VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
 PALEST = "#C8C8C8"
 ROUND: Style = {"solid_joinstyle": "round"}
 SWING = 0.12
-"""Largest displacement that is drawn, as a share of the arm's length."""
+"""Largest drawn displacement, as a share of the arm's length."""
 VIEW_WIDTH = 5.2
 """Width of one view [inch]."""
 
 
 def largest_swing(analysis: "ModalAnalysis") -> float:
-    """Return how large the largest displacement of a mode is drawn [m]."""
+    """Return the drawn size of a mode's largest displacement [m]."""
     rest, _ = analysis.outline
     return SWING * float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
 
 
 def swing_of(analysis: "ModalAnalysis", i: int) -> np.ndarray:
-    """Return the displacements (3, K) of the i-th mode as they are drawn [m]."""
+    """Return the drawn displacements (3, K) of the i-th mode [m]."""
     moved = analysis.outline[1][:, :, i]
     return np.asarray(largest_swing(analysis) * moved / np.linalg.norm(moved, axis=0).max())
 
@@ -40,11 +40,11 @@ def swing_of(analysis: "ModalAnalysis", i: int) -> np.ndarray:
 def mode_figure(analysis: "ModalAnalysis") -> Figure:
     """Draw the arm at rest in grey, and its lowest modes in colour, from the side and from above.
 
-    A mode's amplitude is arbitrary; it is drawn so large that one sees it, and the title says how large.
+    A mode's amplitude is arbitrary; it is drawn visibly large, and the title says how large.
     """
     rest, count, largest = analysis.outline[0], len(analysis.labels), largest_swing(analysis)
     shapes = [rest + swing_of(analysis, i) for i in range(count)]
-    # the limits [m]: as much along y as along z, so that both views are equally high
+    # the limits [m]: equal along y and z, so that both views are equally high
     every = np.concatenate(shapes, 1)
     middle, half = (every.max(1) + every.min(1)) / 2, np.ptp(every, 1) / 2 + 0.05 * largest / SWING
     half[1:] = half[1:].max()
@@ -70,13 +70,13 @@ def mode_figure(analysis: "ModalAnalysis") -> Figure:
 
 
 def frequency_figure(predictions: Sequence["Prediction"], joint: int) -> Figure:
-    """Draw natural frequencies against the angle of one joint, by what the modes are.
+    """Draw natural frequencies against the angle of one joint, by mode name.
 
-    Hollow markers are modes that are named by a near draw; bars are bands of a posterior.
+    Hollow markers are modes named by a nearby draw; bars are bands of a posterior.
 
     Args:
         predictions: at postures along a motion, all with as many modes.
-        joint: place among the driven joints.
+        joint: index of the driven joint.
     """
     analyses = [each.analysis for each in predictions]
     frequency = np.array([analysis.modes.frequency for analysis in analyses])
@@ -89,7 +89,7 @@ def frequency_figure(predictions: Sequence["Prediction"], joint: int) -> Figure:
     at = np.broadcast_to(angle[:, None], frequency.shape)
     low, high = np.stack([each.frequency_band for each in predictions], 1)
     steps = np.diff(np.unique(angle.round(6)))
-    apart = 0.08 * float(steps.min()) if len(steps) else 0.1  # of bands [deg], so that none hides another
+    apart = 0.08 * float(steps.min()) if len(steps) else 0.1  # offset of bands [deg], so that none hides another
     beside = at + apart * (np.arange(frequency.shape[1]) - (frequency.shape[1] - 1) / 2)
     colours = [NAME_STYLES[words]["color"] for words in name.ravel()]
     axes.vlines(beside.ravel(), low.ravel(), high.ravel(), color=colours, linewidth=2.2, alpha=0.4, zorder=1)

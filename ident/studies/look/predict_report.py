@@ -1,4 +1,4 @@
-"""Predictions of an arm at postures: modes, strain energy, static deflection; and their rows for programs."""
+"""The report of predictions of an arm at postures: modes, strain energy, static deflection; and its table."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from ident.studies.look.prediction import Prediction
 
 FEW = 2
-"""Postures of which each has a table of its own on the first screen; of more, each has a row."""
+"""Number of postures up to which each has its own table on the first screen; above, each has a row."""
 MODES, POSTURES = 6, 12
-"""Modes and postures that the first screen shows at most."""
+"""Modes and postures on the first screen, at most."""
 ACROSS = 6
-"""Joints whose shares of the strain energy have columns side by side."""
+"""Joints per table of strain-energy shares."""
 DEFLECTION = ("static deflection [mm]", "x|.3f", "y|.3f", "z|.3f", "total|.3f")
-"""Heads of the table of a deflection."""
+"""Head of the table of a deflection."""
 CAUTIONS = ("WARNING: ", "REMARK: ")
-"""How a line on taken-over values begins that casts doubt on them."""
+"""Beginnings of remarks that cast doubt on fitted values."""
 
 
 def predict_sections(
@@ -39,8 +39,8 @@ def predict_sections(
 
     Args:
         predictions: at each posture.
-        fit: fitted values that the arm has taken over.
-        posterior: draws that the bands are from.
+        fit: fitted values of the arm.
+        posterior: source of the bands.
         changed: numbers that were set, by path [SI].
     """
     first = predictions[0].analysis
@@ -62,7 +62,7 @@ def predict_sections(
 def values_used(
     fit: "Values | None", posterior: "Values | None", changed: Mapping[str, float]
 ) -> tuple[tuple[str, ...], tuple[Finding, ...]]:
-    """Return in sentences which values are not the arm file's, and what casts doubt on them."""
+    """Return in sentences which values are not the arm file's, and warnings about them."""
     lines = (*values_in_words(fit, posterior), *changes_in_words(changed))
     doubts = tuple(Finding(line.partition(": ")[2]) for line in lines if line.startswith(CAUTIONS))
     return tuple(sentence(line) for line in lines if not line.startswith(CAUTIONS)), doubts
@@ -118,7 +118,7 @@ def _mode(analysis: "ModalAnalysis", i: int) -> str:
 
 
 def _overview(predictions: Sequence["Prediction"]) -> Iterator[Part]:
-    """Yield a row for each posture: its lowest frequencies, and by how much the end point moves."""
+    """Yield a row for each posture: its lowest frequencies, and the deflection of the end point."""
     end = list(predictions[0].analysis.deflection)[-1:]
     count = min(MODES, *(len(each.analysis.labels) for each in predictions))
     rows = []
@@ -132,7 +132,7 @@ def _overview(predictions: Sequence["Prediction"]) -> Iterator[Part]:
 
 
 def _moved(moved: np.ndarray) -> tuple[float | None, ...]:
-    """Return a deflection in mm by direction, and its size."""
+    """Return a deflection in mm by direction, and its magnitude."""
     return *((MM * moved).round(3) + 0.0).tolist(), MM * float(np.linalg.norm(moved))
 
 
@@ -140,7 +140,7 @@ def _moved(moved: np.ndarray) -> tuple[float | None, ...]:
 
 
 def _details(each: "Prediction", *, alone: bool) -> Iterator[Section]:
-    """Yield the strain energy of the modes, and what the first screen does not show: all of it where alone."""
+    """Yield the strain energy of the modes, and the rest of the first screen's tables; everything if alone."""
     analysis = each.analysis
     where = degrees(analysis.posture)
     modes = [_modes(each, "", len(analysis.labels))] if alone or len(analysis.labels) > MODES else []

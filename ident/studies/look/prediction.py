@@ -1,4 +1,4 @@
-"""What an arm does at a posture, and how far a posterior leaves that open."""
+"""Modes and deflection of an arm at a posture, with their uncertainty from a posterior."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,23 +12,23 @@ from ident.errors import ModelError
 from ident.identify.modal_analysis import ModalAnalysis, modal_solution
 
 TOGETHER = 64
-"""Draws that are solved at a time: always as many, for one compiled program."""
+"""Draws solved at a time: always the same number, for one compiled program."""
 LEVELS = (0.05, 0.95)
 """Quantiles of a band."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Modes and static deflection at a posture, and the same by the draws of a posterior.
+    """Modes and static deflection at a posture, also for the draws of a posterior.
 
-    A draw's modes are those whose shapes are most like the arm's own, by mass-weighted MAC, not those of their order.
+    A draw's modes are matched to the arm's by shape, with the mass-weighted MAC, not by order.
 
     Attributes:
         analysis: of the arm itself.
         frequency: (m, D) [Hz] by mode of the arm and draw; None without draws.
         damping_ratio: (m, D) [-]
         deflection: (3, D) [m] by point name.
-        collapsed: number of draws without a stable equilibrium, which are left out.
+        collapsed: number of draws without a stable equilibrium; they are left out.
     """
 
     analysis: ModalAnalysis
@@ -55,14 +55,14 @@ class Prediction:
 
 
 def predict_draws(analysis: ModalAnalysis, draws: Mapping[str, Float[np.ndarray, "D"]]) -> Prediction:
-    """Return what an arm does at a posture, by draws of some of its numbers as well.
+    """Return modes and deflection of an arm at a posture, also for draws of some of its numbers.
 
     Args:
         analysis: of the arm itself, with which the modes of the draws are compared.
         draws: numbers of the arm [SI], by path.
 
     Raises:
-        ModelError: there is no stable equilibrium with any draw.
+        ModelError: no draw has a stable equilibrium.
     """
     count = len(next(iter(draws.values())))
     own = modal_solution(analysis.arm, analysis.posture, analysis.load, analysis.drives)

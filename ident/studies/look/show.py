@@ -1,4 +1,4 @@
-"""An arm by itself: its picture, what looks odd about its numbers, and the names that it knows."""
+"""An arm by itself: its picture, the plausibility checks of its numbers, and its names."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ArmPicture(Reported):
-    """An arm in words and as a picture: what looks odd, masses and reach, first modes, every number with its origin.
+    """An arm in words and as a picture: plausibility checks, masses, reach, first modes, every number with its origin.
 
     Attributes:
-        view: the arm in place, with its first modes and what looks odd.
-        notes: where the arm is not what its robot description says.
+        view: the arm in place, with its first modes and plausibility checks.
+        notes: differences between the arm and its robot description.
     """
 
     view: "ArmView"
@@ -40,22 +40,22 @@ class ArmPicture(Reported):
 
     @property
     def name(self) -> str:
-        """What its picture is called, without the end."""
+        """Name of the picture file, without the ending."""
         return f"{self.view.arm_file.name}.show"
 
     @property
     def oddities(self) -> tuple[str, ...]:
-        """What looks odd, a line for each number."""
+        """Implausible numbers, a line for each."""
         return tuple(map(str, self.view.oddities))
 
     def sections(self) -> Report:
-        """Return all that `ident show` says of the arm."""
+        """Return the report of `ident show`."""
         from ident.studies.look.show_report import show_sections
 
         return show_sections(self.view)
 
     def document(self) -> dict[str, Any]:
-        """Return for programs what looks odd, masses [kg], reach [m] and natural frequencies [Hz]."""
+        """Return for programs the implausible numbers, masses [kg], reach [m] and natural frequencies [Hz]."""
         analysis = self.view.analysis
         modes = zip(analysis.labels, analysis.modes.frequency, strict=True) if analysis else ()
         return {
@@ -80,7 +80,7 @@ class ArmPicture(Reported):
         return {"": show_figure(self.view)}
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write the picture as PNG, and its first modes as SVG that moves, into a folder, and return their paths.
+        """Write the picture as PNG, and its first modes as animated SVG, into a folder, and return their paths.
 
         Raises:
             InputError: the folder or the file can't be written.
@@ -97,21 +97,21 @@ class ArmPicture(Reported):
         return path, modes
 
     def moving_modes(self) -> str:
-        """Return the first modes as an SVG document that moves, of an arm that has modes."""
+        """Return the first modes as an animated SVG document, of an arm that has modes."""
         from ident.studies.look.arm_page import moving_modes
 
         return moving_modes(self.view)
 
 
 def show(arm: "Arm | ArmFile | str | Path", posture: Sequence[float] | None = None) -> ArmPicture:
-    """Draw an arm, and say what looks odd about its numbers.
+    """Draw an arm, and report implausible numbers.
 
     Args:
         arm: the arm, or its file.
-        posture: joint angles [deg]; by default all zero, or as near to that as limits and workspace allow.
+        posture: joint angles [deg]; by default all zero, or the nearest posture within limits and workspace.
 
     Raises:
-        InputError: the arm's file is wrong, or the posture has another number of angles.
+        InputError: the arm's file is wrong, or the posture has a wrong number of angles.
     """
     from ident.studies.look.arm_view import arm_view
 
@@ -133,7 +133,7 @@ class NamesResult(Reported):
     names: "ArmNames"
 
     def sections(self) -> Report:
-        """Return the names: in short, and with all that is known of them in the details."""
+        """Return the names: in short, and with units, values and limits in the details."""
         from ident.studies.look.show_report import names_sections
 
         units = {kind: "-" if unit == "1" else unit for kind, unit in kinds().items()}
@@ -160,7 +160,7 @@ class NamesResult(Reported):
 
 
 def names(arm: "Arm | ArmFile | str | Path") -> NamesResult:
-    """List every name that other commands take of an arm.
+    """List every name of an arm that other commands accept.
 
     Args:
         arm: the arm, or its file.
@@ -182,7 +182,7 @@ def kinds() -> Mapping[str, str]:
 
 
 def columns() -> Mapping[str, tuple[str, ...]]:
-    """Return the words that columns of a campaign have to choose from."""
+    """Return the allowed words of campaign columns."""
     from ident.measure import DEFINITIONS, DRIVE_STATES
     from ident.measure.kinds import RAMPS
 
@@ -190,7 +190,7 @@ def columns() -> Mapping[str, tuple[str, ...]]:
 
 
 def choices() -> Mapping[str, tuple[str, ...]]:
-    """Return the words that options of commands have to choose from, by command and flag."""
+    """Return the allowed words of command options, by command and flag."""
     found: dict[str, tuple[str, ...]] = {}
     for study in (*STUDIES, "explore"):
         kind: type[Options] = getattr(module_of(study), f"{study.capitalize()}Options")

@@ -1,4 +1,4 @@
-"""A picture of an arm: from the side and from above to scale, its first modes in place, and what looks odd."""
+"""A picture of an arm: from the side and from above to scale, its first modes in place, and implausible numbers."""
 
 import textwrap
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ HEAVIEST = 11.0
 BASE = "#5B3A8E"
 """Colour of the base frame."""
 TOWARDS = 0.95
-"""Cosine from which a direction counts as pointing at the reader."""
+"""Cosine from which a direction counts as pointing at the viewer."""
 KEY: dict[str, Style] = {
     "bushing with pin": {"marker": "o", "color": BLUE, "markersize": 6, "markerfacecolor": "white"},
     "bushing alone": {"marker": "s", "color": BLUE, "markersize": 6, "markerfacecolor": "white"},
@@ -46,18 +46,18 @@ KEY: dict[str, Style] = {
     "belt": {"color": PINK, "linestyle": "-", "linewidth": 1.4},
     "dashed: box of the same inertia": {"color": GREY, "linestyle": "--", "linewidth": 0.8},
 }
-"""What the signs mean."""
+"""Meaning of the signs."""
 
 
 @dataclass(frozen=True)
 class View:
-    """A direction in which one looks at an arm, and what of it is seen.
+    """A direction of view, and the visible axes.
 
     Attributes:
         name: `from the side`, `from above`.
-        across: place of the base frame's axis that points right.
-        up: place of the one that points up, or down if `falling`.
-        falling: whether that one points down.
+        across: index of the base frame's axis that points right.
+        up: index of the axis that points up, or down if `falling`.
+        falling: whether that axis points down.
     """
 
     name: str
@@ -66,12 +66,12 @@ class View:
     falling: bool = False
 
     def of(self, places: np.ndarray) -> np.ndarray:
-        """Return places (3, ...) as seen (2, ...) [m]."""
+        """Return positions (3, ...) projected to the view (2, ...) [m]."""
         return np.stack([places[self.across], -places[self.up] if self.falling else places[self.up]])
 
     @property
     def normal(self) -> int:
-        """Place of the axis that points at the reader, or away."""
+        """Index of the axis along the line of sight."""
         return 3 - self.across - self.up
 
 
@@ -90,14 +90,14 @@ def most_seen(views: Sequence[View], swing: np.ndarray) -> View:
 
 
 def span_of(view: "ArmView") -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest corner (3,) [m] of all that is drawn."""
+    """Return the lowest and highest corner (3,) [m] of everything drawn."""
     places = [*(s.corners for s in view.solids), *(h.centre[:, None] for h in view.hinges), np.zeros((3, 1))]
     every = np.concatenate([*places, *(p[:, None] for p in view.points.values())], 1)
     return every.min(1), every.max(1)
 
 
 def draw_arm(axes: Axes, view: "ArmView", seen: View, size: float) -> None:
-    """Draw an arm as seen; `size` [m] is that of the whole picture."""
+    """Draw an arm in a view; `size` [m] is that of the whole picture."""
     heaviest = max((solid.mass for solid in view.solids), default=0.0) or 1.0
     for solid in sorted(view.solids, key=lambda each: each.kind != "payload"):
         _draw_solid(axes, solid, seen)
@@ -121,7 +121,7 @@ def _draw_solid(axes: Axes, solid: "Solid", seen: View) -> None:
     corners = seen.of(solid.corners).T
     try:
         outline = corners[ConvexHull(corners).vertices]
-    except QhullError:  # a plate on its edge
+    except QhullError:  # a plate seen edge-on
         outline = corners[[np.argmin(corners.sum(1)), np.argmax(corners.sum(1))]]
     line = "-" if solid.shaped else "--"
     patch = Polygon(outline, facecolor=COLORS[solid.kind], edgecolor=GREY, linewidth=0.8, linestyle=line)
@@ -141,7 +141,7 @@ def _draw_hinge(axes: Axes, hinge: "Hinge", seen: View, size: float) -> None:
 
 
 def _draw_belt(axes: Axes, belt: "Run", seen: View) -> None:
-    """Draw both spans about the pulleys where one sees them as circles, else the plane of the belt as a line."""
+    """Draw both spans around the pulleys if these appear as circles, else the plane of the belt as a line."""
     ends = seen.of(belt.ends)
     along = ends[:, 1] - ends[:, 0]
     length = float(np.linalg.norm(along))
@@ -156,7 +156,7 @@ def _draw_belt(axes: Axes, belt: "Run", seen: View) -> None:
 
 
 def _draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, size: float, *, named: bool) -> None:
-    """Draw the axes of a frame that are not seen end on."""
+    """Draw the axes of a frame that are not seen end-on."""
     for place, letter in enumerate("xyz"):
         start, end = (seen.of(each) for each in (origin, origin + size * frame[:, place]))
         if abs(frame[seen.normal, place]) > TOWARDS:
@@ -171,21 +171,21 @@ def _draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, s
 
 
 # -------- Arm labels
-# Labels beside a drawing, with lines to what they name, none on another.
+# Labels next to a drawing, with lines to their objects, without overlap.
 
 PITCH, SLANTED = 0.19, 0.3
-"""Least distance of labels from each other [inch]: of lines in a column, and of slanted ones in a row."""
+"""Least distance between labels [inch]: of lines in a column, and of slanted ones in a row."""
 LEADER: Style = {"color": "#9A9A9A", "linewidth": 0.6}
 
 
 @dataclass(frozen=True)
 class Mark:
-    """What a label names.
+    """The object of a label.
 
     Attributes:
         words: the label.
-        place: (2,) [m] as seen.
-        odd: whether it is one of what looks odd.
+        place: (2,) [m] in the view.
+        odd: whether it is implausible.
     """
 
     words: str
@@ -199,13 +199,13 @@ class Mark:
 
 
 def spread(places: Sequence[float], pitch: float, low: float, high: float) -> np.ndarray:
-    """Return places in the same order, no nearer to each other than a pitch, within bounds, as near as can be.
+    """Return places in the same order, at least a pitch apart, within bounds, as close as possible to the given ones.
 
-    Places less their rank times the pitch must not fall: the nearest such are their isotonic regression, clipped
+    Places minus rank times pitch must not decrease: the nearest such values are their isotonic regression, clipped
     (Barlow, Bartholomew, Bremner, Brunk, "Statistical inference under order restrictions", 1972).
 
     Raises:
-        ValueError: there is no room for so many.
+        ValueError: not enough room.
     """
     last = high - pitch * (len(places) - 1)
     if not places:
@@ -219,20 +219,20 @@ def spread(places: Sequence[float], pitch: float, low: float, high: float) -> np
 
 
 def fitting(marks: Sequence[Mark], room: float, pitch: float) -> list[Mark]:
-    """Return as many marks as there is room for, those that are odd before the others."""
+    """Return as many marks as fit, implausible ones first."""
     count = int(room / pitch + 1e-9) + 1
     kept = sorted(range(len(marks)), key=lambda i: (not marks[i].odd, i))[:count]
     return [marks[i] for i in sorted(kept)]
 
 
 def label(axes: Axes, marks: Sequence[Mark], panel: "Panel", along: int, sign: int) -> None:
-    """Write labels beside a drawing: slanted ones below or above it, or in a column left or right of it.
+    """Write labels next to a drawing: slanted ones below or above it, or in a column left or right of it.
 
     Args:
-        axes: where.
-        marks: what is named, as far as there is room.
-        panel: what is drawn.
-        along: place of the axis along which they stand: 0 for a row, 1 for a column.
+        axes: of the drawing.
+        marks: objects to label, as far as there is room.
+        panel: the view.
+        along: index of the axis along which labels are placed: 0 for a row, 1 for a column.
         sign: -1 for below or left, 1 for above or right.
     """
     start, end = float(panel.low[along]), float(panel.high[along]) - (0 if along else LAST / panel.scale)
@@ -254,25 +254,25 @@ WIDTH = 11.0
 EDGE, HEAD = 0.55, 1.0
 """Margin for ticks, and room for the title [inch]."""
 ABOVE, BESIDE = 0.95, 1.75
-"""Room for slanted labels above and below, and for columns of labels beside a drawing [inch]."""
+"""Room for slanted labels above and below, and for label columns next to a drawing [inch]."""
 LAST = 0.3
 """Room behind the last slanted label, for its words [inch]."""
 MODES = 4
-"""Modes that are drawn."""
+"""Modes drawn."""
 MOST = 8
-"""Findings that the picture has room for."""
+"""Findings listed in the picture at most."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A view on the figure: what is seen, how large, and the room about it.
+    """A view in the figure: its content, scale, and margins.
 
     Attributes:
-        seen: direction.
-        low: (2,) [m] lowest corner of what is drawn.
+        seen: direction of view.
+        low: (2,) [m] lowest corner of the content.
         high: (2,) [m] highest corner.
-        scale: inches a metre.
-        room: (2,) [inch] on each side, across and up.
+        scale: inches per metre.
+        room: (2,) [inch] margin on each side, across and up.
     """
 
     seen: View
@@ -288,7 +288,7 @@ class Panel:
         return float(across) + 2 * self.room[0], float(up) + 2 * self.room[1]
 
     def place(self, figure: Figure, at: tuple[float, float]) -> Axes:
-        """Return axes at a place [inch] of the figure, to scale."""
+        """Return axes at a position [inch] of the figure, to scale."""
         width, height = figure.get_size_inches()
         own = self.inches
         axes = figure.add_axes((at[0] / width, at[1] / height, own[0] / width, own[1] / height))
@@ -299,7 +299,7 @@ class Panel:
 
 
 def show_figure(view: "ArmView", *, modes: bool = True) -> Figure:
-    """Draw an arm from the side and from above to scale, and say what looks odd.
+    """Draw an arm from the side and from above to scale, with its implausible numbers.
 
     Args:
         view: the arm.
@@ -352,7 +352,7 @@ def panels(view: "ArmView") -> tuple[Panel, Panel]:
 
 
 def draw_panel(figure: Figure, view: "ArmView", panel: Panel, at: tuple[float, float]) -> None:
-    """Draw a view; bodies, joints and points are named where there is room for it."""
+    """Draw a view; bodies, joints and points are named where they fit."""
     axes = panel.place(figure, at)
     plain(axes)
     draw_arm(axes, view, panel.seen, float((panel.high - panel.low).max()))
@@ -391,7 +391,7 @@ def _draw_mode(axes: Axes, analysis: "ModalAnalysis", i: int, views: tuple[View,
 
 
 def _findings(view: "ArmView") -> list[str]:
-    """Return the numbers that look wrong, folded."""
+    """Return the implausible numbers, wrapped."""
     found = [f"no modes: {view.failure}"] if view.failure else []
     found += [str(odd) for odd in view.oddities]
     more = [f"and {len(found) - MOST} more, in the report"] if len(found) > MOST else []
@@ -400,7 +400,7 @@ def _findings(view: "ArmView") -> list[str]:
 
 
 def key_of(figure: Figure, view: "ArmView", at: tuple[float, float]) -> None:
-    """Explain the signs that occur; `at` is the key's upper right corner as shares of the figure."""
+    """Explain the signs in use; `at` is the key's upper right corner, relative to the figure."""
     kinds = {solid.kind for solid in view.solids}
     there = {
         "bushing alone": any(not hinge.driven for hinge in view.hinges),

@@ -1,4 +1,4 @@
-"""What is said of an arm: numbers that look wrong, masses and reach, first modes, every number; and its names."""
+"""The report of an arm: implausible numbers, masses and reach, first modes, every number; and of its names."""
 
 import math
 from collections import Counter
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def show_sections(view: "ArmView") -> Report:
-    """Return all that is said of an arm: numbers that look wrong, first modes, every number [SI] with its origin."""
+    """Return the report of an arm: implausible numbers, first modes, every number [SI] with its origin."""
     odd, failed, sag = view.oddities, [Finding(view.failure)] if view.failure else [], ""
     if view.analysis:
         name, moved = list(view.analysis.deflection.items())[-1]
@@ -112,19 +112,19 @@ def _vector(value: np.ndarray) -> str:
 
 
 # -------- Names
-# The names of an arm: what commands, options and campaigns take.
+# The names of an arm, for commands, options and campaigns.
 
 Choices = Mapping[str, Sequence[str]]
 
 
 def names_sections(names: "ArmNames", kinds: Mapping[str, str], choices: Choices, columns: Choices) -> Report:
-    """Return every name of an arm, by what takes it: in short, and with values, units and limits in the details.
+    """Return every name of an arm by use: in short, and with values, units and limits in the details.
 
     Args:
         names: of the arm.
         kinds: SI unit of each kind of measurement.
-        choices: words that options have to choose from, by command and flag.
-        columns: words that columns of a campaign have to choose from.
+        choices: allowed words of options, by command and flag.
+        columns: allowed words of campaign columns.
     """
     arm = names.arm_file.arm
     end = arm.points[-1].name if arm.points else "POINT"

@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from ident.studies.measuring.modal_campaign import IdentifiedModes, NamedModes
 
 CHANNELS, ARM = "channels.csv", "arm.toml"
-"""Files beside the recordings that are taken where none are named."""
+"""Default files in the folder of the recordings."""
 FINISHED = ("undamped", "pole", "damped")
-"""What the frequencies of a file of finished modes may be."""
+"""Kinds of frequencies in a file of finished modes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModalOptions(ProblemOptions):
-    """Options of `ident.modal_test`: how records become frequency responses, and what is known before the data.
+    """Options of `ident.modal_test`: from records to frequency responses, and the knowledge before the data.
 
-    The unknowns and their priors say how far a computed shape may be off, by which measured modes are named.
+    The unknowns and their priors bound how far a computed shape may be wrong; measured modes are named by these shapes.
     """
 
     estimator: str = option("h1", "h1 (noise of the responses), h2 (of the force) or hv", choices=("h1", "h2", "hv"))
@@ -83,14 +83,14 @@ class ModalOptions(ProblemOptions):
 
     @property
     def processing(self) -> "Processing":
-        """The same as `ident.modal` takes it."""
+        """The options in the form of `ident.modal`."""
         from ident.modal.frf import Processing
 
         return Processing(self.estimator, self.window_end, self.rest, self.band)
 
     @property
     def known_reproducibility(self) -> "Reproducibility":
-        """What is known of the reproducibility of tests before any is seen."""
+        """Prior reproducibility of tests, before any is seen."""
         from ident.measure.reproducibility import Reproducibility
 
         return Reproducibility.of(self.reproducibility, self.common_share)
@@ -100,19 +100,19 @@ class ModalOptions(ProblemOptions):
 class ModalResult(Result):
     """Frequency responses, or spectra of an ambient test, and modes.
 
-    Its figures show each posture's responses, and of which poles its modes were chosen; its table has a row
+    The figures show each posture's responses, and the poles from which its modes were chosen; the table has a row
     for each mode: posture [deg], frequency [Hz], damping ratio, their standard deviations, label.
 
     Attributes:
-        arm: the arm as its file has it, with the points that the channel table adds.
-        tests: what was measured, by posture and load.
-        identified: modes of each test; none where they were not wanted.
+        arm: the arm as in its file, with the points that the channel table adds.
+        tests: the tests, by posture and load.
+        identified: modes of each test; empty if not requested.
         finished: files of finished modes.
         named: their modes.
-        campaign: the modes that have a name, with the correlation of their errors; None where none were asked for.
+        campaign: the named modes, with the correlation of their errors; None if not requested.
         files: recordings, by name, and the channel table.
-        options: what was asked for.
-        reproducibility: what the campaign's sigmas have beside the scatter within a test; None without a campaign.
+        options: the options of the call.
+        reproducibility: part of the campaign's sigmas beyond the scatter within a test; None without a campaign.
     """
 
     arm: "ArmFile"
@@ -132,24 +132,24 @@ class ModalResult(Result):
 
     @property
     def name(self) -> str:
-        """The folder of the recordings, and what was done with it."""
+        """Name of the folder of the recordings, and of the study."""
         return f"{Path(self.files['channels'].path).absolute().parent.name}.modal"
 
     @property
     def hits(self) -> int:
-        """Hits that count."""
+        """Number of accepted hits."""
         return sum(test.hits for test in self.hammer_tests)
 
     @property
     def hammer_tests(self) -> "tuple[ModalTest, ...]":
-        """Those tests whose force was measured."""
+        """Tests with measured force."""
         from ident.modal.frf import ModalTest
 
         return tuple(test for test in self.tests if isinstance(test, ModalTest))
 
     @property
     def rejected(self) -> tuple[str, ...]:
-        """Hits that do not count, with the reason."""
+        """Rejected hits, with the reason."""
         return tuple(
             f"{each.file}, hit {each.number}: {each.reason}" for test in self.hammer_tests for each in test.rejected
         )
@@ -161,13 +161,13 @@ class ModalResult(Result):
 
     @property
     def short(self) -> bool:
-        """Whether a search for the most probable modes has not ended."""
+        """Whether a search for the most probable modes has not converged."""
         from ident.modal.modes import Modes
 
         return any(isinstance(each.modes, Modes) and not each.modes.converged for each in self.identified)
 
     def figures(self) -> "dict[str, Figure]":
-        """Return for each posture its responses, how its modes were chosen (`modes`), and `shapes`."""
+        """Return for each posture its responses, the choice of its modes (`modes`), and `shapes`."""
         from ident.studies.measuring.modal_figure import argand_figure, measured_figure, stabilisation_figure
 
         words = ["" if i == 1 else str(i) for i in range(1, len(self.tests) + 1)]
@@ -206,16 +206,16 @@ def modal_test(
     arm: "ArmFile | None" = None,
     options: ModalOptions = DEFAULT,
 ) -> ModalResult:
-    """Identify the modes of a hammer test, or of one without any force, and name them by their shapes.
+    """Identify the modes of a hammer test, or of a test without force, and name them by their shapes.
 
     Args:
-        tests: folder of the recordings; files in it that the table does not name are passed over.
-        channels: what each channel measured; by default channels.csv in that folder.
+        tests: folder of the recordings; files that the table does not name are ignored.
+        channels: quantity of each channel; by default channels.csv in that folder.
         arm: the arm; by default arm.toml in that folder.
-        options: windows, estimator and band, which modes to take, and what is known of the arm before the data.
+        options: windows, estimator and band [Hz], which modes to take, and the knowledge of the arm before the data.
 
     Raises:
-        InputError: a file is damaged, the table is wrong, or both do not fit together; each mistake has a line.
+        InputError: a file is damaged, the table is wrong, or they do not match; each error has a line.
     """
     from dataclasses import replace
 
@@ -263,7 +263,7 @@ def _identified(
     tests: "tuple[tuple[ModalTest | AmbientTest, ...], tuple[FinishedTest, ...]]",
     options: ModalOptions,
 ) -> "tuple[tuple[IdentifiedModes, ...], tuple[NamedModes, ...]]":
-    """Return the modes of each test, and those of files of finished ones, where they are asked for."""
+    """Return the modes of each test, and those from files of finished modes, if requested."""
     from ident.identify.unknowns import stiffness_parameters
     from ident.studies.measuring.modal_campaign import identify_modes, name_modes
 
@@ -277,21 +277,21 @@ def _identified(
 
 
 modal = modal_test
-"""The study by the name that its result files say."""
+"""The study under the name in its result files."""
 
 
 def new_channels(
     tests: str | Path, channels: str | Path | None = None, arm: str | Path | None = None
 ) -> tuple[Path, int]:
-    """Write a channel table to fill in for the recordings of a folder, and return its path and how many rows it has.
+    """Write a channel table to fill in for the recordings of a folder, and return its path and its number of rows.
 
     Args:
         tests: folder of the recordings.
-        channels: where it goes; by default channels.csv in that folder.
+        channels: path of the table; by default channels.csv in that folder.
         arm: its number of joints; by default that of arm.toml in that folder, else one.
 
     Raises:
-        InputError: no recordings, or the table is there already.
+        InputError: no recordings, or the table already exists.
     """
     from ident.measure.channels import write_template
 

@@ -1,4 +1,4 @@
-"""Modes of a modal test on an arm: their names, the campaign that they make, and the places of the sensors."""
+"""Modes of a modal test on an arm: their names, their campaign, and the places of the sensors."""
 
 import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ from ident.modal.operational import OperationalModes, operational_modes
 from ident.text import did_you_mean, one_line, quoted
 
 # -------- Identified modes
-# The modes of each posture of a modal test with their names, and the campaign that they make.
+# The named modes of each posture of a modal test, and the campaign from them.
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class IdentifiedModes:
 
     Attributes:
         modes: frequencies, damping ratios and shapes with their joint covariance.
-        labels: what each is called, and how sure.
+        labels: name of each mode, and its certainty.
     """
 
     modes: Modes | OperationalModes
@@ -51,7 +51,7 @@ class NamedModes:
 
     Attributes:
         modes: frequencies, damping ratios and shapes with their standard deviations.
-        labels: what each is called, and how sure.
+        labels: name of each mode, and its certainty.
     """
 
     modes: FinishedModes
@@ -69,17 +69,17 @@ def identify_modes(
     near: Mapping[int, tuple[float, ...]] | None = None,
     seed: int = 0,
 ) -> tuple[IdentifiedModes, ...]:
-    """Identify and name the modes of each posture; those with a hammer are scaled by the scatter of all hits.
+    """Identify and name the modes of each posture; for a hammer test, the scatter of all hits scales their errors.
 
     Args:
-        arm: with the points at which was measured.
-        tests: of the postures.
+        arm: with the measured points.
+        tests: one a posture.
         parameters: the unknowns with their priors, over which modes are named.
-        near: [Hz] overrules the choice of modes of a test, by its number from 1.
+        near: [Hz] frequencies that replace the choice of modes in a test, by its number from 1.
         seed: of the draws.
 
     Raises:
-        InputError: a test without a mode, of too few hits or lines, or a number that is no test's.
+        InputError: a test without a mode, with too few hits or lines, or a number of no test.
     """
     near = near or {}
     for number in near:
@@ -114,11 +114,11 @@ def modal_campaign(
     shapes: bool = False,
     reproducibility: Reproducibility | None = None,
 ) -> Campaign:
-    """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly.
+    """Return the campaign of the named modes; a doubtful mode gets no row, as it could be matched wrongly.
 
-    Of each posture the frequencies, then the damping ratios, then the shapes where they are asked for, whose errors are
-    correlated as the modes' are. The scatter within a test is its repeatability; what another test of the same posture
-    would differ by comes to it, where that is said.
+    For each posture the frequencies, then the damping ratios, then the shapes if requested, with errors correlated
+    like the modes'. The scatter within a test is its repeatability; if given, the reproducibility between tests of the
+    same posture is added.
     """
     rows, groups = list[Measurement](), list[Group]()
     for number, (test, each) in enumerate(zip(tests, identified, strict=True), 1):
@@ -140,7 +140,7 @@ def modal_campaign(
 def observed_reproducibility(
     tests: Sequence[HeldArm], identified: Sequence[Labelled], known: Reproducibility
 ) -> Reproducibility:
-    """Return the reproducibility that tests of the same posture, load and drives show, by modes that have a name.
+    """Return the reproducibility from tests of the same posture, load and drives, by their named modes.
 
     The variance of the logarithms about their mean, over all modes and postures, less the mean variance within a test.
     """
@@ -161,7 +161,7 @@ def observed_reproducibility(
 
 
 def with_effect(each: IdentifiedModes, known: Reproducibility) -> IdentifiedModes:
-    """Return modes with what the scatter of the hits does to the standard errors of those that have a name, if any."""
+    """Return modes whose standard errors include the scatter of the hits, for the named modes, if any."""
     modes, of = each.modes, _named(each) or slice(None)
     if not isinstance(modes, Modes):
         return each
@@ -172,7 +172,7 @@ def with_effect(each: IdentifiedModes, known: Reproducibility) -> IdentifiedMode
 
 
 def _repeated(tests: Sequence[Labelled], label: str, kind: int) -> tuple[Float[np.ndarray, "n"], ...]:
-    """Return the logarithms of a mode's frequencies, or damping ratios, in several tests, and their sds in each."""
+    """Return logarithms of a mode's frequencies, or damping ratios, in several tests, with standard deviations."""
     found = []
     for each in tests:
         for i in _named(each) if kind == 0 else _damped(each):
@@ -188,12 +188,12 @@ def _named(each: Labelled) -> list[int]:
 
 
 def _damped(each: Labelled) -> list[int]:
-    """Return the modes that have a name and a damping ratio."""
+    """Return the modes with a name and a damping ratio."""
     return [i for i in _named(each) if each.modes.damping[i] > 0]
 
 
 def _slopes(each: Labelled, shapes: bool) -> Float[np.ndarray, "r n"]:
-    """Return the derivative of the rows of the modes that have a name by frequencies, damping ratios and shapes."""
+    """Return the derivative of the rows of the named modes by frequencies, damping ratios and shapes."""
     modes, named = each.modes, _named(each)
     outputs, count = len(modes.shape), len(modes.frequency)
     columns = 2 * count + 2 * outputs * count
@@ -206,9 +206,9 @@ def _slopes(each: Labelled, shapes: bool) -> Float[np.ndarray, "r n"]:
 
 
 def _ratios(shape: Complex[np.ndarray, "O"]) -> tuple[int, Float[np.ndarray, "r"], Float[np.ndarray, "r two_O"]]:
-    """Return the place of the largest motion, the others over it, and their slopes by real and imaginary parts.
+    """Return the index of the largest motion, the others relative to it, and their slopes by real and imaginary parts.
 
-    The shape is turned so that it is as real as can be, see `ident.identify.conditions`, and the real parts count.
+    The shape is rotated to be as real as possible, see `ident.identify.conditions`, and the real parts count.
     """
     turn = np.exp(-0.5j * np.angle((shape**2).sum()))
     turned = shape * turn
@@ -245,7 +245,7 @@ def _shape_rows(test: HeldArm, each: Labelled) -> Iterator[Measurement]:
 
 
 def _of(each: Labelled) -> str | None:
-    """Return what the frequencies are of a damped mode; None for undamped."""
+    """Return the kind of the frequencies of a damped mode; None for undamped."""
     of = each.modes.of if isinstance(each.modes, FinishedModes) else POLE
     return None if of == DEFINITIONS[0] else of
 
@@ -261,23 +261,23 @@ def _rows(test: HeldArm, each: Labelled) -> Iterator[Measurement]:
 
 
 def _row(test: HeldArm, each: Labelled, mode: int, numbers: tuple[Any, ...], **more: Any) -> Measurement:
-    """Return a measurement of a mode: its kind, value and standard deviation, and what else there is to say of it."""
+    """Return a measurement of a mode: its kind, value and standard deviation, and further fields."""
     kind, value, sigma = numbers
     state: dict[str, Any] = {"posture": test.posture, "load": test.load, "drives": test.drives}
     return Measurement(kind=kind, value=value, sigma=sigma, mode=str(each.labels.given[mode]), **state, **more)
 
 
 # -------- Places
-# Where on the arm the channels of a modal test are: points, and directions in the base frame.
+# Positions of the channels on the arm: points, and directions in the base frame.
 
 BODY = FRAMES[1]
 
 
 def with_places(arm: Arm, table: ChannelTable) -> Arm:
-    """Return the arm with the points that the table alone defines, before its own: the end point stays the last one.
+    """Return the arm with the points defined only by the table, before its own: the end point stays the last one.
 
     Raises:
-        InputError: a point that neither arm nor table define, or a load at one that the arm's file has not.
+        InputError: a point that neither arm nor table defines, or a load at a point missing in the arm's file.
     """
     own = {point.name for point in arm.points}
     new: dict[str, Point] = {}
@@ -296,16 +296,16 @@ def with_places(arm: Arm, table: ChannelTable) -> Arm:
 
 
 def in_base_frame(arm: Arm, table: ChannelTable) -> ChannelTable:
-    """Return the table with every direction in the base frame, at the posture that its row says.
+    """Return the table with every direction in the base frame, at the posture of its row.
 
-    Axes of a body are taken without the arm's elastic rotations, some tenths of a degree.
+    Body axes are taken without the arm's elastic rotations, some tenths of a degree.
 
     Args:
         arm: with all points of the table, see `with_places`.
         table: the channel table.
 
     Raises:
-        InputError: a posture that has not one angle for each joint.
+        InputError: a posture without exactly one angle for each joint.
     """
     for row in table.rows:
         if row.counts and len(row.posture) != len(arm.driven):
@@ -321,7 +321,7 @@ def in_base_frame(arm: Arm, table: ChannelTable) -> ChannelTable:
 
 
 def _turned(arm: Arm, posture: tuple[float, ...], rows: Sequence[ChannelRow]) -> Iterator[list[float]]:
-    """Yield directions of bodies in the base frame: where a point that far from the body's origin comes to lie."""
+    """Yield directions of bodies in the base frame: the position of a point at that offset from the body's origin."""
     joints = {point.name: point.joint for point in arm.points}
     ends = tuple(Point(f"end{i}", joints[row.point], row.direction) for i, row in enumerate(rows))
     chain = at_posture(eqx.tree_at(lambda a: a.points, arm, ends), jnp.asarray(posture))

@@ -1,4 +1,4 @@
-"""Figure of a posture's frequency responses: size and coherence over frequency, a panel for each response."""
+"""Figures of a posture: frequency responses and coherence, mode shapes, stabilisation."""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from ident.studies.measuring.modal_campaign import IdentifiedModes
 
 # -------- Ambient
-# Figure of an ambient test: singular values of the spectral density, with lines of what turns.
+# Figure of an ambient test: singular values of the spectral density, with lines of rotating parts.
 
 HARMONIC: Style = {"color": PINK, "linewidth": 1.0, "linestyle": ":"}
-"""Look of a line of something that turns."""
+"""Style of a rotating part's line."""
 
 
 def ambient_figure(test: AmbientTest, identified: "IdentifiedModes | None" = None) -> Figure:
-    """Draw the singular values of the spectral density matrix, the modes, and the harmonics that were taken out."""
+    """Draw the singular values of the spectral density matrix, the modes, and the removed harmonics."""
     figure = titled((9.0, 4.4), f"Responses without a force at {degrees(test.posture)}")
     axes = figure.subplots()
     density = test.density
@@ -48,7 +48,7 @@ def ambient_figure(test: AmbientTest, identified: "IdentifiedModes | None" = Non
 
 
 def draw_harmonics(axes: Axes, test: AmbientTest) -> None:
-    """Mark the lines that were taken out, numbered as in the key."""
+    """Mark the removed lines, numbered as in the key."""
     for number, line in enumerate(test.harmonics, 1):
         axes.axvline(line.frequency, zorder=1, **HARMONIC)
         top: Style = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "bottom"}
@@ -56,18 +56,18 @@ def draw_harmonics(axes: Axes, test: AmbientTest) -> None:
 
 
 def harmonic_key(test: AmbientTest) -> dict[str, Style]:
-    """Return what the marks of the lines mean."""
+    """Return the key of the marked lines."""
     return {f"{number}: {cut(str(line), 36)}": HARMONIC for number, line in enumerate(test.harmonics, 1)}
 
 
 # -------- Modal
 
 COLORS = (BLUE, ORANGE, PINK, GREY)
-"""Of the forces, or of the directions at a point, in their order."""
+"""Colours of the forces, or of the directions at a point, in their order."""
 
 
 def measured_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes | None" = None) -> Figure:
-    """Draw what was measured at a posture."""
+    """Draw the measurement at a posture."""
     return ambient_figure(test, identified) if isinstance(test, AmbientTest) else modal_figure(test, identified)
 
 
@@ -115,7 +115,7 @@ def _response(upper: Axes, lower: Axes, test: "ModalTest", o: int) -> None:
     for axes, name in ((upper, "accelerance [1/kg]"), (lower, "coherence")):
         plain(axes, grid=axes is upper)
         axes.set_ylabel(name, fontsize=8)
-        axes.yaxis.set_label_coords(-0.12, 0.5)  # aligned by their ticks, the names take half of the drawing
+        axes.yaxis.set_label_coords(-0.12, 0.5)  # aligned by their ticks, the names would take half of the drawing
 
 
 # -------- Argand
@@ -124,7 +124,7 @@ def _response(upper: Axes, lower: Axes, test: "ModalTest", o: int) -> None:
 ENDS = "os^Dv"
 """Ends of arrows, one a point."""
 WITHIN, CIRCLE = 2.4477, np.linspace(0, 2 * np.pi, 61)
-"""Half axes of an ellipse that holds 95 %, in standard deviations, and the angles at which it is drawn."""
+"""Half axes of an ellipse that holds 95 %, in standard deviations, and the angles to draw it."""
 
 
 def argand_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> Figure:
@@ -177,11 +177,11 @@ def _looks(places: Sequence["Place"]) -> list[tuple[str, str]]:
 
 
 # -------- Stabilisation
-# Figure of how a posture's modes were chosen: poles over orders, and the MAC with the arm's modes.
+# Figure of the choice of a posture's modes: poles over orders, and the MAC with the arm's modes.
 
 
 def stabilisation_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> Figure:
-    """Draw the poles of all orders with the clusters that modes were made of, and MAC and names of the modes."""
+    """Draw the poles of all orders, the clusters behind the modes, and MAC and names of the modes."""
     figure = titled((9.0, 7.6), f"Modes at {degrees(test.posture)}")
     upper, lower = figure.subplots(2, 1, height_ratios=[3, 2])
     _poles(upper, test, identified)
@@ -199,7 +199,7 @@ def stabilisation_figure(test: "ModalTest | AmbientTest", identified: "Identifie
 
 
 def _poles(axes: Axes, test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> None:
-    """Draw the diagram over the size of the responses."""
+    """Draw the diagram over the magnitude of the responses."""
     diagram = identified.modes.diagram
     lasting = diagram.cluster >= 0
     axes.plot(diagram.frequency[~lasting], diagram.order[~lasting], "o", color=PALE, markersize=3)

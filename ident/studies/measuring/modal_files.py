@@ -1,4 +1,4 @@
-"""Modes as a campaign with covariance, frequency responses as netCDF for other tools."""
+"""Modes as a campaign with covariance, and frequency responses as netCDF for other tools."""
 
 import json
 import math
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def write_campaign_file(
     campaign: Campaign, head: Mapping[str, Any], path: Path, reproducibility: Reproducibility | None = None
 ) -> None:
-    """Write the campaign, and beside it how the errors of the rows of a posture are correlated."""
+    """Write the campaign, and a companion file with the error correlation between the rows of each posture."""
     comments = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
         "Modes of a modal test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
@@ -34,7 +34,7 @@ def write_campaign_file(
 def modal_groups(tests: Sequence["ModalTest | AmbientTest"], head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
     """Return mean accelerance, real and imaginary, and coherence of each test, as `test1`, `test2`, ... of the root.
 
-    Of an ambient test the singular values of the spectral density.
+    For an ambient test the singular values of the spectral density.
     """
     import xarray
 

@@ -1,4 +1,4 @@
-"""A modal test: what is said of hits, records, checks, modes and their names, and its rows for programs."""
+"""The report of a modal test: hits, records, checks, modes and their names; and its table."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 AnyTest = ModalTest | AmbientTest | FinishedTest
 FEW, LISTED = 3, 3
-"""Hits at a point below which rejected ones should be repeated; rejected hits that a finding names at most."""
+"""Hits at a point below which rejected ones should be repeated; rejected hits named at most."""
 WARNING, IDLE = "WARNING: ", "outside the band"
-"""How a remark begins that bears on the verdict, and how one ends that does not matter: it is in the details only."""
+"""Beginning of a remark that affects the verdict, and ending of one that does not: it appears in the details only."""
 
 
 def modal_sections(
@@ -42,7 +42,7 @@ def modal_sections(
     campaign: Campaign | None = None,
     reproducibility: Reproducibility | None = None,
 ) -> Report:
-    """Return all that is said of a modal test."""
+    """Return the report of a modal test."""
     every: list[AnyTest] = [*tests, *finished]
     modes: list[Labelled] = [*identified, *named]
     rows = list(_mode_rows(every, modes, reproducibility))
@@ -140,7 +140,7 @@ def _findings(
     modes: Sequence[Labelled],
     reproducibility: Reproducibility | None,
 ) -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first; what an arm that still moved explains is left out."""
+    """Yield findings that affect the verdict, most important first, without those due to a still moving arm."""
     remarks = _remarks(tests, identified)
     moving = [remark for remark in remarks if MOVING in remark]
     yield from (Finding(remarks.pop(remark) + remark, "wait longer between hits") for remark in moving)
@@ -166,7 +166,7 @@ def _findings(
 
 
 def _remarks(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes]) -> dict[str, str]:
-    """Return the remarks on tests and modes, with the postures to which each applies, where it is not all."""
+    """Return the remarks on tests and modes, with the postures of each, unless it applies to all."""
     found = []
     for number, test in enumerate(tests, 1):
         modes = identified[number - 1].modes if identified else None
@@ -179,7 +179,7 @@ def _remarks(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[Iden
 
 
 def _unnamed(tests: Sequence[AnyTest], modes: Sequence[Labelled]) -> Iterator[Finding]:
-    """Yield the modes without a certain name: they are no rows of the campaign."""
+    """Yield the modes without a certain name: the campaign leaves them out."""
     for test, each in zip(tests, modes, strict=False):
         for i, why in enumerate(each.labels.why):
             if why:
@@ -189,7 +189,7 @@ def _unnamed(tests: Sequence[AnyTest], modes: Sequence[Labelled]) -> Iterator[Fi
 
 
 def _rejected(hammer: Sequence[ModalTest]) -> Iterator[Finding]:
-    """Yield that hits were rejected, where few remain."""
+    """Yield a finding on rejected hits, if few remain."""
     rejected = [each for test in hammer for each in test.rejected]
     fewest = min((len(test.frf.hits) for test in hammer), default=FEW)
     if rejected and fewest < FEW:
@@ -200,7 +200,7 @@ def _rejected(hammer: Sequence[ModalTest]) -> Iterator[Finding]:
 
 
 def _assumed(known: Reproducibility | None) -> Iterator[Finding]:
-    """Yield that the reproducibility is assumed, where it is."""
+    """Yield a finding if the reproducibility is assumed."""
     shares = [
         f"{percent(share)} of each {kind.replace('_', ' ')}"
         for kind, share in (known.share.items() if known else ())
@@ -217,7 +217,7 @@ def _assumed(known: Reproducibility | None) -> Iterator[Finding]:
 def _mode_rows(
     tests: Sequence[AnyTest], modes: Sequence[Labelled], reproducibility: Reproducibility | None
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield each mode with the std. errors that the campaign has: repeatability and reproducibility together."""
+    """Yield each mode with the std. errors of the campaign: repeatability and reproducibility combined."""
     loads, drives = {str(test.load) for test in tests}, {test.drives for test in tests}
     for test, each in zip(tests, modes, strict=False):
         state = [degrees(test.posture).removesuffix(" deg")]
@@ -229,7 +229,7 @@ def _mode_rows(
 
 
 def _numbers(each: Labelled, i: int, known: Reproducibility | None) -> Iterator[tuple[float, ...]]:
-    """Yield frequency [Hz] and damping [%] of a mode, each with its repeatability and, where known, reproducibility."""
+    """Yield frequency [Hz] and damping [%] of a mode, each with its repeatability and, if known, reproducibility."""
     of_kind = zip(REPRODUCIBILITY, (each.modes.frequency, each.modes.damping), each.modes.sigma, (1, 100), strict=True)
     for kind, values, sigma, factor in of_kind:
         value = factor * float(values[i])
@@ -274,7 +274,7 @@ def _details(
 
 
 def _hammer_test(test: ModalTest) -> Iterator[Part]:
-    """Yield what was recorded, the hits that were rejected, coherence, and the checks."""
+    """Yield the records, the rejected hits, coherence, and the checks."""
     frf = test.frf
     low, high = frf.frequency[0], frf.frequency[-1]
     step = frf.frequency[1] - frf.frequency[0]
@@ -295,7 +295,7 @@ def _hammer_test(test: ModalTest) -> Iterator[Part]:
 
 
 def _ambient_test(test: AmbientTest) -> Iterator[Part]:
-    """Yield what was recorded, and which lines were taken out."""
+    """Yield the records, and the removed lines."""
     low, high = test.band
     record = f"{test.correlations.duration:.4g} s at {1 / test.correlations.step:.4g} Hz"
     yield (
@@ -310,7 +310,7 @@ def _ambient_test(test: AmbientTest) -> Iterator[Part]:
 
 
 def _reliance(modes: Modes | OperationalModes) -> Iterator[Part]:
-    """Yield what the covariance rests on, and which poles are not modes."""
+    """Yield the basis of the covariance, and the poles that are not modes."""
     if isinstance(modes, Modes):
         share = f"{modes.ratio.value:.2f} of the variance by maximum likelihood"
         yield f"Hit scatter: {share}, {_band(modes.ratio)} (99 %)."
@@ -320,7 +320,7 @@ def _reliance(modes: Modes | OperationalModes) -> Iterator[Part]:
 
 
 def reproducibility_in_words(known: Reproducibility) -> str:
-    """Say what the sigmas of a campaign consist of, and where that is from."""
+    """Say what the sigmas of a campaign consist of, and their source."""
     parts = []
     for kind, share in known.share.items():
         freedom = known.freedom.get(kind, 0)
@@ -331,7 +331,7 @@ def reproducibility_in_words(known: Reproducibility) -> str:
 
 
 def _campaign(modes: Sequence[Labelled], campaign: Campaign, reproducibility: Reproducibility | None) -> Section:
-    """Return what the campaign contains."""
+    """Return the content of the campaign."""
     count, total = _name_counts(modes)
     of = " (|pole| / 2 pi)" if all(m.of == POLE for m in campaign.of_kind("frequency")) else ""
     shapes = ", damping ratio and shape" if campaign.of_kind("shape") else " and damping ratio"

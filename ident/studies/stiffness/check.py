@@ -1,4 +1,4 @@
-"""Say what a campaign can tell about each parameter, before any solving."""
+"""Report what a campaign can determine about each parameter, before any fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(ProblemOptions):
-    """Options of `ident.check`: what is unknown, and what is known of it."""
+    """Options of `ident.check`: the unknowns and their priors."""
 
     refuses: ClassVar[tuple[str, ...]] = ()
 
@@ -26,15 +26,15 @@ class CheckOptions(ProblemOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class CheckResult(Result):
-    """What a campaign can tell about an arm.
+    """What a campaign can determine about an arm.
 
-    Its table has a row for each parameter: verdict, and the standard deviation of theta by the data alone, at the arm's
-    values and the largest of all points; theta is ln(value) for a stiffness. It has no figure.
+    The table has a row for each parameter: verdict, and standard deviation of theta from the data alone, at the arm's
+    values and the largest of all points; theta is ln(value) for a stiffness. There is no figure.
 
     Attributes:
-        arm: the arm as its file has it.
-        check: verdicts, directions, the part of each measurement, doubts on labels and data.
-        options: what was asked for.
+        arm: the arm as in its file.
+        check: verdicts, parameter combinations, leverage of each measurement, warnings about labels and data.
+        options: the options of the call.
         contradictory: whether one kind of measurement contradicts the others.
         doubtful: whether the data contradict each other.
     """
@@ -59,7 +59,7 @@ class CheckResult(Result):
 
     @property
     def others(self) -> tuple[Mapping[str, float], ...]:
-        """Other values by parameter [SI] that give the same data: those that a search from several starts found."""
+        """Other values by parameter [SI] that give the same data: other optima of a search from several starts."""
         names = self.check.problem.parameters.names
         found = self.check.others.exact if self.check.others else ()
         return tuple(dict(zip(names, map(float, optimum.values), strict=True)) for optimum in found)
@@ -71,16 +71,16 @@ def check(
     campaign: "Campaign",
     options: CheckOptions = DEFAULT,
 ) -> CheckResult:
-    """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
+    """Report what a campaign can determine about the joint stiffnesses and other freed numbers, before any fit.
 
     Args:
-        arm: its stiffnesses are where the model is linearised.
+        arm: the model is linearised at its stiffnesses.
         campaign: the measurements.
-        options: what is unknown, and what is known of it.
+        options: the unknowns and their priors.
 
     Raises:
-        InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
-            repeats; a campaign that says nothing of any unknown.
+        InputError: campaign and arm, or the named parameters, do not match; implausible values; contradictory
+            repeats; a campaign without information on any unknown.
     """
     from ident.identify.check import check_campaign
 

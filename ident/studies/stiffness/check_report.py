@@ -1,4 +1,4 @@
-"""A check before any solving: what is said of it, and its rows for programs."""
+"""The report of a check before any fit, and its table."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -45,21 +45,21 @@ if TYPE_CHECKING:
 
 
 SLIGHT = 0.05
-"""Change, relative to the parameter that leads, below which another one hardly takes part in a trade-off."""
+"""Change, relative to the leading parameter, below which another parameter hardly takes part in a trade-off."""
 FEW = 24
-"""Measurements up to which all are listed; beyond, only those that matter or do not."""
+"""Largest number of measurements that are all listed; above, only influential and idle ones."""
 LISTED = 40
-"""Measurements, or doubts, that are listed at most."""
+"""Measurements or warnings listed at most."""
 MOST = 6
-"""Rows named, at most, whose label may change."""
+"""Rows with an ambiguous label named at most."""
 ENORMOUS = 1e3
-"""Factor beyond which it is no longer told how large."""
+"""Factor above which no number is printed."""
 WORDS = {"open": "not determined", "not seen": "not measured"}
-"""How a report calls the verdict on a parameter, where it has another word."""
+"""Words of the report for a verdict, where they differ."""
 
 
 def check_sections(check: "CampaignCheck") -> Report:
-    """Return all that is said of a check."""
+    """Return the report of a check."""
     causes = leading_explanations(check.explanations, check.campaign)
     conflict = contradiction(check.cross_predictions, check.campaign)
     name = cut(check.campaign.name or "a campaign", 30)
@@ -113,7 +113,7 @@ def _reason(check: "CampaignCheck", i: int) -> str:
     here = _within(sd[0]) if np.isfinite(sd[0]) else "only in combination with others"
     worse = np.isfinite(sd).all() and sd.max() > 1.3 * sd[0] and sd[0] < math.log(ENORMOUS)
     lucky = f"; identifiable at {fine} of {check.answered} points" if 0 < fine < check.answered else ""
-    where = "" if lucky else " on plausible arms"  # the points are the arm file's values and those arms
+    where = "" if lucky else " on plausible arms"  # the points are the arm file's values and the plausible arms
     worst = f" (at worst {_within(sd.max())}{where})" if worse else ""
     return here + worst + lucky
 
@@ -123,7 +123,7 @@ def _within(sd: float) -> str:
 
 
 def _consistency(check: "CampaignCheck") -> str:
-    """Say in a line whether the data agree."""
+    """Say in one line whether the data agree."""
     agree = check.consistency
     if agree is None or check.contradictory:
         return ""
@@ -133,7 +133,7 @@ def _consistency(check: "CampaignCheck") -> str:
 
 
 def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
+    """Yield the findings that affect the verdict, most important first."""
     measured, names = check.campaign.measurements, row_names(check.campaign)
     yield from odd_numbers(check.arm, check.problem.parameters)
     if check.missing.any():
@@ -183,7 +183,7 @@ def _details(check: "CampaignCheck") -> Iterator[Section]:
 
 
 def _others(check: "CampaignCheck") -> Iterator[Section]:
-    """Yield which other values give the same data, or that none were found."""
+    """Yield the other values that give the same data, or that the search met none."""
     others, items = check.others, check.problem.parameters.items
     if others is None:
         return
@@ -303,9 +303,9 @@ def _agreement(check: "CampaignCheck") -> Iterator[Section]:
 
 
 def check_rows(check: "CampaignCheck") -> list[dict[str, Any]]:
-    """Return a row for each parameter: verdict, and standard deviations of theta by the data alone [-].
+    """Return a row for each parameter: verdict, and standard deviations of theta from the data alone [-].
 
-    NaN where the model has no answer.
+    NaN where the model has no solution.
     """
     sd = check.data_sd if len(check.data_sd) else np.full((1, len(check.items)), math.nan)
     names = [item.name for item in check.items]
@@ -313,7 +313,7 @@ def check_rows(check: "CampaignCheck") -> list[dict[str, Any]]:
 
 
 def springs_in_words(springs: Sequence["SpringCheck"]) -> Iterator[Section]:
-    """Yield of each spring whether the data can tell it from a linear one, and how it is loaded meanwhile."""
+    """Yield whether the data can tell each spring from a linear one, and its load in the measurements."""
     lines = []
     for each in springs:
         cost = f"a linear one would fit with a chi-squared of {each.chi_squared:.2g}"

@@ -1,4 +1,4 @@
-"""Say which joint stiffness has changed between two campaigns, by how much, and how sure that is."""
+"""Report which joint stiffness changed between two campaigns, by how much, and how certain that is."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -34,19 +34,19 @@ class CompareOptions(UnitOptions):
 
 
 Compared: TypeAlias = "Result | Saved | str | Path"
-"""What can be compared: a result, its file, a campaign's file, or a folder of such results."""
+"""What can be compared: a result, its file, a campaign file, or a folder of results."""
 ENDS = (".fit.json", ".sample.nc", ".diagnose.json")
-"""Ends of the files in a folder that are compared, the first of them that both folders have of a campaign."""
+"""File endings that are compared in two folders: for each campaign the first ending that both folders have."""
 
 
 @dataclass(frozen=True)
 class ComparedFile:
-    """A result that was compared: its file, where there is one.
+    """A compared result: its file, if there is one.
 
     Attributes:
         path: the file.
         sha256: hash of its bytes.
-        notes: what is to be said of it.
+        notes: remarks for the report.
     """
 
     path: str = ""
@@ -56,16 +56,16 @@ class ComparedFile:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class CompareResult(Result):
-    """Which stiffnesses have changed between two campaigns, or between those of two folders.
+    """Stiffness changes between two campaigns, or between the campaigns of two folders.
 
-    Its table has a row for each stiffness: both values [SI], their ratio with its 95 % interval, the chance of so large
-    a change where nothing has changed, and whether it counts as changed. Its figures show the ratios.
+    The table has a row for each stiffness: both values [SI], their ratio with its 95 % interval, the probability of so
+    large a change by chance, and whether it counts as changed. The figures show the ratios.
 
     Attributes:
-        comparisons: of each pair of campaigns: both, fitted together, and the changes.
-        unpaired: files of two folders that only one of them has.
-        files: of the results that were compared, pair by pair.
-        options: what was asked for.
+        comparisons: for each pair of campaigns the joint fit and the changes.
+        unpaired: files that only one of two folders has.
+        files: files of the compared results, pair by pair.
+        options: the options of the call.
     """
 
     comparisons: "tuple[Comparison, ...]"
@@ -78,12 +78,12 @@ class CompareResult(Result):
 
     @property
     def comparison(self) -> "Comparison":
-        """The first pair, and mostly the only one."""
+        """The first pair, usually the only one."""
         return self.comparisons[0]
 
     @property
     def name(self) -> str:
-        """Both campaigns' names, or both folders'."""
+        """Names of both campaigns, or of both folders."""
         if len(self.files) == 1 and not self.unpaired:
             return f"{'-'.join(dict.fromkeys(self.comparison.names))}.compare"
         first, second = (Path(file.path).absolute().parent.name for file in self.files[0])
@@ -91,12 +91,12 @@ class CompareResult(Result):
 
     @property
     def changed(self) -> Mapping[str, bool]:
-        """Whether each stiffness has changed; of the first pair."""
+        """Whether each stiffness of the first pair has changed."""
         change = self.comparison.change
         return dict(zip(change.names, map(bool, change.changed), strict=True))
 
     def figures(self) -> "dict[str, Figure]":
-        """Return a figure for each pair: the ratio of each stiffness after to before, with its 95 % interval."""
+        """Return a figure for each pair: the ratio after / before of each stiffness, with its 95 % interval."""
         from ident.studies.stiffness.compare_figure import compare_figure
 
         one = len(self.comparisons) == 1
@@ -108,7 +108,7 @@ class CompareResult(Result):
 
     @classmethod
     def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the files of all pairs, side by side."""
+        """Return the files of all pairs as the two arguments of `compare`."""
         files = list(inputs.values())
         return dict(zip(WORDS, (files[::2], files[1::2]) if len(files) > 2 else files, strict=True))
 
@@ -122,21 +122,21 @@ def compare(
     second: "Compared | Sequence[Compared]",
     options: CompareOptions = DEFAULT,
 ) -> CompareResult:
-    """Say which joint stiffness has changed between two campaigns, by how much, and how sure that is.
+    """Report which joint stiffness changed between two campaigns, by how much, and how certain that is.
 
-    Both campaigns are fitted again together, with the changes free: what they have in common, such as the prior and an
-    uncertain mass, counts once. Of draws that another program has written the measurements are not at hand: both are
-    taken as independent. Of two folders each result is compared with the one of the same name in the other.
+    Both campaigns are fitted again in one joint fit, with the changes free: shared uncertainty, such as the prior or an
+    uncertain mass, counts once. Draws of another program come without measurements: both are then taken as independent.
+    Each result of a folder is compared with the result of the same name in the other folder.
 
     Args:
         first: the earlier result of `fit`, `sample` or `diagnose`, its file, a posterior as netCDF, a campaign (CSV,
-            with arm.toml beside it), which is fitted, or a folder; or several of them.
+            with arm.toml in its folder), which is fitted, or a folder; or several of them.
         second: the later one, or as many.
-        options: what is known not to have changed.
+        options: among others, what is known not to have changed.
 
     Raises:
-        InputError: other results, folders without a result of one name, no stiffness that both have fitted, or a name
-            that is none of them.
+        InputError: results of other studies, folders without results of the same name, no stiffness in both fits, or
+            an unknown name.
     """
     pairs, unpaired = _pairs(first, second)
     found = [tuple(_known(each, word) for each, word in zip(pair, WORDS, strict=True)) for pair in pairs]
@@ -156,7 +156,7 @@ def _compared(one: "CampaignFit | Posterior", other: "CampaignFit | Posterior", 
 def _pairs(
     first: "Compared | Sequence[Compared]", second: "Compared | Sequence[Compared]"
 ) -> "tuple[list[tuple[Compared, Compared]], tuple[str, ...]]":
-    """Return what is to be compared with what, and the files of two folders that only one of them has."""
+    """Return the pairs to compare, and the files that only one of two folders has."""
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):
         if not len(first) == len(second) > 0:
             raise refusal("second", f"{len(second)} results", f"{len(first)} of them", "give pairs")
@@ -182,7 +182,7 @@ def _pairs(
 
 
 def _results_in(folder: Path) -> dict[str, dict[str, Path]]:
-    """Return the results in a folder that can be compared, by the campaign's name and the end of the file's name."""
+    """Return the results of a folder that can be compared, by campaign name and file ending."""
     found: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.iterdir()):
         for end in ENDS:
@@ -192,7 +192,7 @@ def _results_in(folder: Path) -> dict[str, dict[str, Path]]:
 
 
 def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, ComparedFile]":
-    """Return the fit that a result holds, or the draws of a posterior, and its file."""
+    """Return the fit or the posterior draws of a result, and its file."""
     import hashlib
 
     from ident.studies.saved import Saved, load
@@ -212,7 +212,7 @@ def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, Com
 
 
 def _fitted(campaign: Path) -> "CampaignFit":
-    """Return the fit to a campaign of the arm that lies beside it, as `ident fit` makes it."""
+    """Fit a campaign with the arm file in its folder, as `ident fit` does."""
     from ident.identify.fit import fit_campaign
 
     arm = as_file(campaign.parent / "arm.toml")
@@ -220,7 +220,7 @@ def _fitted(campaign: Path) -> "CampaignFit":
 
 
 def _foreign(path: Path) -> "Posterior | None":
-    """Return the draws of a file that another program has written; None for one of ident, or no such file."""
+    """Return the draws from a file of another program; None for a file of ident, or without a file."""
     from ident.identify.compare import Posterior
     from ident.report.document import is_of_ident
     from ident.studies.result_values import read_posterior
@@ -236,4 +236,4 @@ def _foreign(path: Path) -> "Posterior | None":
 
 
 STIFFNESSES = (".k_bend", ".k_tors")
-"""Ends of the names of what is compared."""
+"""Endings of the names of compared parameters."""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def compare_figure(comparison: "Comparison") -> Figure:
-    """Draw the ratio of each stiffness after to before, with its 95 % interval; those that have changed are orange."""
+    """Draw the ratio after / before of each stiffness, with its 95 % interval; changed ones are orange."""
     change = comparison.change
     before, after = (cut(name, 24) for name in comparison.names)
     figure = titled((8.0, 0.34 * len(change.names) + 1.9), f"Stiffness, {after} over {before}")

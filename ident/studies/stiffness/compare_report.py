@@ -1,4 +1,4 @@
-"""A comparison of two campaigns: what is said of it, and its rows for programs."""
+"""The report of a comparison of two campaigns, and its table."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 KINDS = {"k_bend": "bending", "k_tors": "torsion"}
 NUMBERS_LISTED = 5
-"""Numbers that differ between the arm files that are named."""
+"""Differing numbers of the two arm files named at most."""
 PAIRS = 8
-"""Pairs of campaigns on the first screen without a change, at most."""
+"""Pairs without a change on the first screen, at most."""
 
 
 def compare_sections(comparisons: Sequence["Comparison"], unpaired: Sequence[str] = ()) -> Report:
-    """Return all that is said: of one pair a verdict, its stiffnesses and what to check; of many an overview first."""
+    """Return the report: for one pair verdict, stiffnesses and checks; for several an overview first."""
     if len(comparisons) == 1 and not unpaired:
         (one,) = comparisons
         subject = f"{_campaigns(one)}\n  {_counts(one)}"
@@ -46,7 +46,7 @@ def compare_sections(comparisons: Sequence["Comparison"], unpaired: Sequence[str
 
 
 def _next(comparison: "Comparison") -> str:
-    """Ask of a changed arm whether it still keeps its limit, else for what shows less of a change."""
+    """Return the next step: for a changed arm check its limit, else find smaller changes."""
     after = comparison.second
     if not isinstance(after, CampaignFit):
         return "ident fit CAMPAIGN"
@@ -69,7 +69,7 @@ def _counts(comparison: "Comparison") -> str:
 
 
 def _verdict(comparison: "Comparison") -> Verdict:
-    """Judge a pair: CHANGED where chi-squared falls by more than chance with free changes, else NO CHANGE."""
+    """Judge a pair: CHANGED where free changes lower chi-squared by more than chance, else NO CHANGE."""
     change = comparison.change
     test = f"T = {round(change.statistic, 6):.3g} on {change.mean:.1f} degrees of freedom, {p_in_words(change.p_value)}"
     if not change.seen:
@@ -86,7 +86,7 @@ def _changed(comparison: "Comparison") -> list[str]:
 
 
 def stiffness_words(name: str) -> str:
-    """Say which stiffness a path names: `joint2 in torsion`."""
+    """Name the stiffness of a path: `joint2 in torsion`."""
     joint, _, field = name.rpartition(".")
     return f"{cut(joint, 24)} in {KINDS[field]}" if field in KINDS else cut(name, 30)
 
@@ -103,7 +103,7 @@ def _table(comparison: "Comparison") -> Table:
 
 
 def _answer(comparison: "Comparison") -> tuple[Table | str, ...]:
-    """Return the stiffnesses, then the law of damping in both campaigns and whether it has changed."""
+    """Return the stiffnesses, then the damping law of both campaigns and whether damping changed."""
     if (found := comparison.damping) is None:
         return (_table(comparison),)
     count, change, half = found[0], found[1], half_width(1 - LEVEL) * found[2]
@@ -115,7 +115,7 @@ def _answer(comparison: "Comparison") -> tuple[Table | str, ...]:
 
 
 def ratio_words(log: float) -> str:
-    """Write a change of a logarithm in percent, or as a factor where it is large: `-12 %`, `x 2.5`."""
+    """Write a change of a logarithm in percent, or as a factor if large: `-12 %`, `x 2.5`."""
     ratio = float(np.exp(log))
     return f"{100 * (ratio - 1):+.1f} %" if 0.5 < ratio < 2 else f"x {ratio:.3g}"
 
@@ -130,7 +130,7 @@ def _meaning(comparison: "Comparison") -> str:
 
 
 def _findings(comparison: "Comparison") -> Iterator[Finding]:
-    """Yield what may feign a change, then what to look at, the weightiest first."""
+    """Yield what could mimic a change, then what to check, most important first."""
     change = comparison.change
     if comparison.independent:
         yield Finding(
@@ -187,7 +187,7 @@ def _overview(comparisons: Sequence["Comparison"], unpaired: Sequence[str]) -> R
 
 
 def _pair(comparison: "Comparison") -> Section:
-    """Return a pair of several: its verdict, its stiffnesses and what to check."""
+    """Return the section of one of several pairs: verdict, stiffnesses, checks."""
     verdict, findings = _verdict(comparison), map(with_remedy, _findings(comparison))
     words = f"{_counts(comparison)}. {verdict.word}: {verdict.reason}"
     return Section(_campaigns(comparison), (words, *_answer(comparison), *findings, _meaning(comparison)))

@@ -1,4 +1,4 @@
-"""Fit the joint stiffnesses to a campaign, and say what the data support."""
+"""Fit the joint stiffnesses to a campaign, and report which of them the data determine."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(ProblemOptions):
-    """Options of `ident.fit`: what is unknown, what is known of it, and how long to search."""
+    """Options of `ident.fit`: the unknowns, their priors, and the length of the search."""
 
     refuses: ClassVar[tuple[str, ...]] = ()
 
@@ -37,7 +37,7 @@ class FitOptions(ProblemOptions):
 
     @property
     def explains(self) -> bool:
-        """Whether to search for what would reconcile the data: not for a study whose report has no place for it."""
+        """Whether to search for possible causes of contradictory data: not where a report has no place for them."""
         return not self.no_explain and "no_explain" not in self.refuses
 
 
@@ -45,19 +45,18 @@ class FitOptions(ProblemOptions):
 class FitResult(FromFit):
     """A fit of an arm to a campaign.
 
-    Its figure shows values with intervals, directions and residuals; its table has a row for each parameter: value,
-    unit, interval [SI], and whether the data support it. Its `measurements` have a row for each measurement.
+    The figure shows values with intervals, parameter combinations and residuals. The table has a row for each
+    parameter: value, unit, interval [SI], and whether the data support it; `measurements` a row for each measurement.
 
     Attributes:
-        arm: the arm as its file has it.
+        arm: the arm as in its file.
         fit: fitted values, intervals, residuals and objections to them.
-        options: what was asked for.
-        short: whether the best that the starts have reached is no optimum.
+        options: the options of the call.
+        short: whether the best point of all starts is not an optimum.
         parameters: fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path.
-        explanations: what would reconcile data that are in doubt, most plausible first; None where nothing was searched
-            for.
-        assumptions: how far a violation of each assumption may move a value, and what evidence the data give.
-        doubts: why no interval should be quoted from this fit; empty when there is no objection.
+        explanations: possible causes of doubtful data, most plausible first; None without a search for them.
+        assumptions: how far a violation of each assumption may shift a value, and the evidence in the data.
+        doubts: why no interval of this fit should be reported; empty without objections.
         fitted_arm: the arm with the fitted numbers in place.
         doubtful: whether there is any objection to the fit, or evidence against one of its assumptions.
         fitted: the fit itself.
@@ -88,7 +87,7 @@ class FitResult(FromFit):
 
     @property
     def damping(self) -> Mapping[str, float] | None:
-        """Damping by the law that the measured ratios follow, by path [s or -]; None where an arm has no place for it.
+        """Damping by the law that fits the measured ratios, by path [s or -]; None where the arm has no place for it.
 
         Empty without measured ratios.
         """
@@ -98,26 +97,26 @@ class FitResult(FromFit):
 
     @property
     def scaled(self) -> tuple[str, ...]:
-        """Bodies whose mass is uncertain, and whose inertia goes with it."""
+        """Bodies with an uncertain mass, whose inertia scales with it."""
         from ident.identify.values import scaled_by
 
         return scaled_by(self.fit.problem)
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
-        """95 % intervals by parameter [SI], whether or not the data support them: see `doubts` and `supported`."""
+        """95 % intervals by parameter [SI], supported by the data or not: see `doubts` and `supported`."""
         names = self.fit.problem.parameters.names
         return {name: (float(low), float(high)) for name, (low, high) in zip(names, self.fit.interval(), strict=True)}
 
     @property
     def sd(self) -> Mapping[str, float]:
-        """Standard deviation of each parameter by data and prior, of ln(value) [-] of a positive one."""
+        """Standard deviation of each parameter from data and prior, of ln(value) [-] for a positive one."""
         known = self.fit.information
         return dict(zip(known.names, map(float, known.sd), strict=True))
 
     @property
     def trade_offs(self) -> Mapping[str, Mapping[str, float]]:
-        """What the data would not notice: by each parameter that may move, how all move along, in ln(value) [-]."""
+        """Trade-offs that the data don't notice: for each parameter that may move, changes of all in ln(value) [-]."""
         known = self.fit.information
         return {each.name: dict(zip(known.names, map(float, each.change), strict=True)) for each in known.trade_offs()}
 
@@ -128,12 +127,12 @@ class FitResult(FromFit):
 
     @property
     def supported(self) -> Mapping[str, bool]:
-        """Whether an interval may be quoted for a parameter."""
+        """Whether the interval of a parameter may be reported."""
         return dict(zip(self.fit.problem.parameters.names, map(bool, self.fit.supported), strict=True))
 
     @property
     def measurements(self) -> list[dict[str, Any]]:
-        """A row for each measurement, which `pandas.DataFrame` takes: measured, predicted, sigma [SI], residual [-]."""
+        """Rows of all measurements, for `pandas.DataFrame`: measured, predicted, sigma [SI], residual [-]."""
         from ident.studies.stiffness.fit_report import measurement_rows
 
         return measurement_rows(self.fit)
@@ -144,7 +143,7 @@ class FitResult(FromFit):
         return {**super()._document(head), "measurements": plain(self.measurements)}
 
     def values_of(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
-        """Return the fitted values of an arm [SI], the robot of the fit, and at which height [m] its base gives."""
+        """Return the fitted values of an arm [SI], the robot of the fit, and the height [m] of its soft base."""
         from ident.identify.values import Robot, Values
 
         return Values.of_fit(self.fit, arm), Robot.of(self.arm.arm, self.arm.sha256), self.options.soft_base
@@ -158,16 +157,16 @@ def fit(
     *,
     progress: Progress = silent,
 ) -> FitResult:
-    """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
+    """Fit the joint stiffnesses and other freed numbers to a campaign; with measured damping ratios also the damping.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
-        options: what is unknown, what is known of it, and how long to search.
-        progress: shows how far it is, over the starts.
+        options: the unknowns, their priors, and the length of the search.
+        progress: shows progress over the starts.
 
     Raises:
-        InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
+        InputError: campaign and arm, or the named parameters, do not match; implausible values.
         ModelError: no optimum was reached.
     """
     from ident.identify.fit import fit_campaign

@@ -51,23 +51,23 @@ KIND_STYLES: dict[str, Style] = {
     "shape": {"color": GREEN, "marker": "*"},
 }
 RIMMED: Style = {"markersize": 8, "markeredgecolor": "black", "markeredgewidth": 1.8}
-"""What lies too far from the fit."""
+"""Marker of an outlier."""
 ROW, PANEL = 0.27, 1.15
 """Height of one row, and of a panel's heading and axis [inch]."""
 LABEL, LETTER = 80, 0.063
-"""Longest label of a measurement, and the width of a letter [inch]."""
+"""Longest label of a measurement [characters], and width of a character [inch]."""
 DENSE = 60
 """Measurements above which the rows are numbered instead of described."""
 MANY = 400
-"""Measurements above which each is a dot only."""
+"""Measurements above which each is only a dot."""
 REACH = 30.0
-"""Factor beyond the fitted values at which the frame cuts an interval off."""
+"""Factor from the fitted values at which the frame cuts an interval off."""
 
 
 def fit_figure(fit: "CampaignFit") -> Figure:
-    """Draw a fit at one glance: values, the combinations that the data determine, residuals; the verdict is its title.
+    """Draw a fit on one page: values, parameter combinations, residuals; the title is the verdict.
 
-    Filled markers are what the data determine, hollow ones what they do not.
+    Filled markers are determined by the data, hollow ones are not.
     """
     items = fit.problem.parameters.items
     own = [i for i, item in enumerate(items) if not item.nuisance]
@@ -81,14 +81,14 @@ def fit_figure(fit: "CampaignFit") -> Figure:
     known = fit.information
     left_label = max(len(direction_name(direction, known.names, known.sd)) for direction in _shown(fit))
     letters = max(left_label, 20) + 24, max(longest_label(fit.campaign.measurements), 20)
-    widths = [4.3 + LETTER * count for count in letters]  # a panel, and letters in its rows
+    widths = [4.3 + LETTER * count for count in letters]  # a panel, and characters in its rows
     figure = titled((sum(widths), total + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2, width_ratios=widths)
     *values, directions = _stack(figure, columns[0], left)
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
         _values(axes, fit, group, shift=group is moved)
     _directions(directions, fit)
-    (residuals,) = _stack(figure, columns[1], [total])  # nested as the left column is: else labels take its width
+    (residuals,) = _stack(figure, columns[1], [total])  # nested like the left column: else labels take its width
     _residuals(residuals, fit)
     return figure
 
@@ -135,7 +135,7 @@ def _as_drawn(item: "Parameter", numbers: Sequence[float], shift: bool) -> list[
 
 
 def _ratio_span(drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
-    """Return limits with all values, and with the intervals' ends as far as they are within reach."""
+    """Return limits that hold all values, and the interval ends within reach."""
     values = [1.0, *(value for value, *_ in drawn if 0 < value < math.inf)]
     low, high = min(values), max(values)
     ends = [end for _, *both in drawn for end in both if math.isfinite(end)]
@@ -153,7 +153,7 @@ def _shift_span(drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
 
 
 def _directions(axes: Axes, fit: "CampaignFit") -> None:
-    """Draw the std. error of each combination; undetermined ones, and all where the fit is in doubt, have none."""
+    """Draw the std. error of each combination; undetermined ones, and all of a doubtful fit, have none."""
     known, doubts = fit.information, bool(fit.doubts)
     directions = _shown(fit)
     widths = [d.sd for d in fit.combinations if np.isfinite(d.sd) and not doubts]
@@ -183,19 +183,19 @@ def _directions(axes: Axes, fit: "CampaignFit") -> None:
 
 
 def _shown(fit: "CampaignFit") -> tuple[Direction, ...]:
-    """Return the directions as they are shown: those that the data fix, then those that they leave open."""
+    """Return the combinations in display order: determined ones, then undetermined ones."""
     return (*fit.combinations, *(direction for direction in fit.information.directions if direction.open))
 
 
 def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
-    """Explain the markers that are there."""
+    """Return the legend of the markers in use."""
     return {text: style for text, style in ((solid, FILLED), (hollow, HOLLOW)) if (style is FILLED) in filled}
 
 
 def _residuals(axes: Axes, fit: "CampaignFit") -> None:
-    """Draw measured minus predicted in its standard deviations, a row for each measurement, sorted by kind.
+    """Draw measured minus predicted in standard deviations, a row for each measurement, sorted by kind.
 
-    Outliers have a black rim; what no other measurement checks is hollow.
+    Outliers have a black rim; values that no other measurement checks are hollow.
     """
     campaign, outliers, unchecked = fit.campaign, fit.suspicious, fit.row_tests.unchecked
     kinds = [kind for kind in KIND_STYLES if any(m.kind == kind for m in campaign)]
@@ -222,12 +222,12 @@ def _residuals(axes: Axes, fit: "CampaignFit") -> None:
 
 
 def longest_label(measured: Sequence["Measurement"]) -> int:
-    """Return how many letters the longest label of these measurements has; none where they are too many for labels."""
+    """Return the length of the longest label of these measurements; zero if they are too many for labels."""
     return max(len(cut(short(m), LABEL)) for m in measured) if len(measured) <= DENSE else 0
 
 
 def measurement_rows(axes: Axes, measured: Sequence["Measurement"], words: str) -> None:
-    """Make one row for each measurement; of many, say only in words what the rows are."""
+    """Draw one row for each measurement; for many, print only a caption of the rows."""
     if len(measured) <= DENSE:
         rows(axes, [cut(short(m), LABEL) for m in measured])
     else:

@@ -1,4 +1,4 @@
-"""A fit: what is said of it, its rows for programs, and fitted values out of its result file."""
+"""The report of a fit, its table, and the table of its measurements."""
 
 import math
 from collections.abc import Iterator
@@ -76,19 +76,19 @@ if TYPE_CHECKING:
     from ident.inference.parameters import Parameter
 
 EVERY = 200
-"""Measurements up to which all are listed."""
+"""Largest number of measurements that are all listed."""
 FARTHEST = 24
-"""Those that are listed of more."""
+"""Measurements listed of a longer campaign."""
 LISTED = 12
-"""Optima that are listed at most."""
+"""Optima listed at most."""
 ORIGINS = ("data|.0%", "own prior|.0%", "data with other priors|.0%")
-"""Where the information on an unknown comes from."""
+"""Sources of information on an unknown."""
 FAR_OFF, OWN = 2.5, 0.1
-"""Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
+"""Distance from a prior [standard deviations] from which it is doubted; share of the prior below which it is idle."""
 
 
 def fit_sections(fit: "CampaignFit") -> Report:
-    """Return all that is said of a fit."""
+    """Return the report of a fit."""
     causes = leading_explanations(fit.explanations, fit.campaign)
     conflict = contradiction(fit.cross_predictions, fit.campaign)
     incomplete = _determined(fit) < len(unknown_places(fit)) or fit.doubts
@@ -121,7 +121,7 @@ def _subject(fit: "CampaignFit") -> str:
 
 
 def _verdict(fit: "CampaignFit") -> Verdict:
-    """Judge a fit: NOT USABLE in doubt or where nothing is determined, GOOD where all is, PARTLY between."""
+    """Judge a fit: NOT USABLE in doubt or if nothing is determined, GOOD if everything is, PARTLY between."""
     if refusal := refused(fit):
         return refusal
     count, determined = len(unknown_places(fit)), _determined(fit)
@@ -154,12 +154,12 @@ def refused(fit: "CampaignFit") -> Verdict | None:
 
 
 def unknown_places(fit: "CampaignFit") -> list[int]:
-    """Return the places of the unknowns that are no nuisances, model factors among them."""
+    """Return the indices of the unknowns without nuisance parameters, model factors among them."""
     return np.flatnonzero(~fit.problem.parameters.nuisance).tolist()
 
 
 def _is_determined(fit: "CampaignFit", i: int) -> bool:
-    """Tell whether an unknown has an interval that holds one optimum alone."""
+    """Whether an unknown has an interval that holds one optimum only."""
     half = half_width(0.95) * fit.information.sd[i]
     single = all(abs(each.theta[i] - fit.best.theta[i]) < half for each in fit.rivals)
     return bool(fit.supported[i]) and single
@@ -174,7 +174,7 @@ def _starts(fit: "Fit") -> int:
 
 
 def _residuals(fit: "CampaignFit") -> str:
-    """Name the largest standardised residual, and say whether the kinds of measurement agree."""
+    """Name the largest standardised residual, and whether the kinds of measurement agree."""
     if not fit.farthest_off:
         return ""
     far, count, several = fit.farthest_off[0], len(fit.farthest_off), int(fit.suspicious.sum())
@@ -191,7 +191,7 @@ def _residuals(fit: "CampaignFit") -> str:
 
 
 def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
+    """Yield the findings that affect the verdict, most important first."""
     yield from odd_numbers(fit.arm, fit.problem.parameters)
     if not fit.doubts:
         yield from [asked] if (asked := asked_for(fit)) else untested(fit)
@@ -214,7 +214,7 @@ def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
 
 
 def _competing(fit: "Fit") -> Iterator[Finding]:
-    """Yield that other optima fit as well, or nearly."""
+    """Yield a finding if other optima fit equally well, or nearly."""
     costs = [optimum.score - fit.best.score for optimum in fit.rivals[fit.ties :]]
     if fit.ties:
         text = f"not unique: {fit.ties + 1} optima fit exactly as well; the one nearest to the prior's centre is shown"
@@ -233,7 +233,7 @@ def _competing(fit: "Fit") -> Iterator[Finding]:
 
 
 def _values_table(fit: "CampaignFit") -> Table:
-    """Return each value with its interval, or why it has none."""
+    """Return each value with its interval, or the reason why it has none."""
     items, own = fit.problem.parameters.items, unknown_places(fit)
     unit = shared_unit(items[i].name for i in own)
     what = "Stiffness" if all(is_stiffness(items[i].name) for i in own) else "Unknown"
@@ -255,7 +255,7 @@ def _value_row(fit: "CampaignFit", i: int, *, with_unit: bool) -> tuple[Cell, ..
 
 
 def _start(item: "Parameter", value: float) -> tuple[str, str]:
-    """Write the arm file's value, and how far the fitted one is from it: implausible outside the prior's 95 %."""
+    """Write the arm file's value, and how far the fitted value is from it: implausible outside the prior's 95 %."""
     start = float(item.start)
     number = short_power(f"{in_shown_unit(item.name, start)[0]:.4g}")
     if not item.positive or not start:
@@ -267,7 +267,7 @@ def _start(item: "Parameter", value: float) -> tuple[str, str]:
 
 
 def why_no_interval(fit: "Fit", i: int) -> str:
-    """Return why a parameter has no interval; nothing where it has one."""
+    """Return why a parameter has no interval; empty if it has one."""
     known = fit.information
     if known.supported[i] or fit.problem.parameters.nuisance[i]:
         return "" if fit.supported[i] else "not reported"
@@ -302,14 +302,14 @@ def _details(fit: "CampaignFit") -> Iterator[Section]:
 # -------- Damping
 
 TRENDS = {"loss": "does not change with frequency", "tau": "grows with frequency", "alpha": "falls with frequency"}
-"""What a law's ratio does."""
+"""How the damping ratio of a law depends on frequency."""
 LAW_WORDS = {"loss": "constant (hysteretic)", "tau": "viscous", "alpha": "falling (mass-proportional)"}
 MUCH, LAWLESS = 0.1, 0.3
-"""Scatter of ln(ratio) that is worth a word, and from which no law is named; assumed."""
+"""Scatter of ln(ratio) that is worth mentioning, and from which no law is named; assumed."""
 
 
 def damping_in_words(damping: "Damping | None") -> Iterator[str]:
-    """Yield in one line what damping was found, and by which law."""
+    """Yield the fitted damping and its law in one line."""
     if damping is None:
         return
     best, hertz, ratio, numbers = damping.best, damping.frequency, 100 * damping.predicted, _law_words(damping.best)
@@ -335,7 +335,7 @@ def damping_in_words(damping: "Damping | None") -> Iterator[str]:
 
 
 def odd_ratios(damping: "Damping | None") -> Iterator[Finding]:
-    """Yield ratios that are off under a law that fits the others."""
+    """Yield outlying ratios under a law that fits the others."""
     if damping is None or not damping.marked.any():
         return
     names, measured = row_names(damping.rows), np.exp(damping.ratios.log)
@@ -345,7 +345,7 @@ def odd_ratios(damping: "Damping | None") -> Iterator[Finding]:
 
 
 def damping_section(damping: "Damping | None") -> Iterator[Section]:
-    """Yield each measured ratio beside the law's, and the laws that were tried."""
+    """Yield each measured ratio next to the law's, and the laws that were compared."""
     if damping is None:
         return
     measured, law = 100 * np.exp(damping.ratios.log), 100 * damping.predicted
@@ -364,7 +364,7 @@ def damping_section(damping: "Damping | None") -> Iterator[Section]:
 
 
 def _law_words(law: "Law") -> list[str]:
-    """Write the numbers of a law that are above zero: `loss factor in bending 0.02`."""
+    """Write the positive numbers of a law: `loss factor in bending 0.02`."""
     each = zip(law.groups, law.values, strict=True)
     return [f"{_number_words(group)} {x:.3g} {unit_of(group[0])}".removesuffix(" -") for group, x in each if x > 0]
 
@@ -382,7 +382,7 @@ def _number_words(group: tuple[str, ...]) -> str:
 
 
 def _values_section(fit: "CampaignFit") -> Section:
-    """Return each value with the ends of its interval relative to it, and where the information comes from."""
+    """Return each value with its relative interval ends, and the source of the information."""
     known, items, rows, own = fit.information, fit.problem.parameters.items, [], unknown_places(fit)
     for i in own:
         item, value = items[i], float(fit.best.values[i])
@@ -401,7 +401,7 @@ def _values_section(fit: "CampaignFit") -> Section:
 
 
 def _end(item: "Parameter", value: float, end: float) -> str:
-    """Write how far an interval reaches to one side, as `-3.7 %`."""
+    """Write the distance from a value to one end of its interval, as `-3.7 %`."""
     if item.positive:
         return in_percent(float(end) / value - 1)
     factor, unit = (MM, "mm") if is_length(item.name) else (1.0, unit_of(item.name))
@@ -409,7 +409,7 @@ def _end(item: "Parameter", value: float, end: float) -> str:
 
 
 def _measurements(fit: "CampaignFit") -> Section:
-    """Return each measurement next to its prediction; of many, those that are farthest off."""
+    """Return each measurement next to its prediction; for many, the ones with the largest residuals."""
     count, off, z, many = len(fit.campaign), fit.off, fit.standardised, len(fit.campaign) > EVERY
     shown = sorted(fit.farthest_off[:FARTHEST]) if many else range(count)
     outliers, unchecked, names = fit.suspicious, fit.row_tests.unchecked, row_names(fit.campaign)
@@ -437,7 +437,7 @@ def _measurements(fit: "CampaignFit") -> Section:
 
 
 def _by_kind(fit: "CampaignFit") -> Table:
-    """Return for each kind how far its values are off."""
+    """Return the size of the residuals for each kind."""
     kinds, outliers = np.array([m.kind for m in fit.campaign]), fit.suspicious
     rows = []
     for kind in dict.fromkeys(kinds.tolist()):
@@ -449,7 +449,7 @@ def _by_kind(fit: "CampaignFit") -> Table:
 
 
 def _uncertain_numbers(fit: "CampaignFit") -> Iterator[Section]:
-    """Yield for each number that is not exactly known what the fit makes of it, and what knowing it would gain."""
+    """Yield for each uncertain number its fitted value, and what knowing it would gain."""
     parameters, known = fit.problem.parameters, fit.information
     places = [i for i, item in enumerate(parameters.items) if item.nuisance and not is_of_loop(item.name)]
     if not places:
@@ -486,7 +486,7 @@ def _cost(fit: "CampaignFit", i: int) -> str:
 
 
 def _advice(item: "Parameter", known: Information, i: int, off: float) -> str:
-    """Say whether the data contradict what was said of a number, or know it better."""
+    """Say whether the data contradict the prior of a number, or improve on it."""
     if np.isfinite(item.prior_sd) and abs(off) > FAR_OFF:
         return "the data contradict the given value: either it is wrong, or something else is (masses, loads, labels)"
     if np.isfinite(item.prior_sd) and known.prior_share[i] < OWN:
@@ -495,7 +495,7 @@ def _advice(item: "Parameter", known: Information, i: int, off: float) -> str:
 
 
 def _about_values(fit: "CampaignFit") -> Iterator[str]:
-    """Yield chi-squared, the priors, where damping comes from, and the largest correlation."""
+    """Yield chi-squared, the priors, the source of the damping, and the largest correlation."""
     known, items = fit.information, fit.problem.parameters.items
     yield sentence(chi_squared_in_words(fit))
     yield from priors_in_words([items[i] for i in unknown_places(fit)])
@@ -511,7 +511,7 @@ def _about_values(fit: "CampaignFit") -> Iterator[str]:
 
 
 def _optima(fit: "Fit") -> Section:
-    """Return the optima, the answer first."""
+    """Return the optima, the best one first."""
     failed = f"; {fit.failed} starts reached none" if fit.failed else ""
     first = f"; the first {LISTED} of them" if len(fit.optima) > LISTED else ""
     rows = []
@@ -540,10 +540,10 @@ def fit_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
 
 
 def measurement_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
-    """Return a row for each measurement: what it is, measured, predicted and sigma [SI], and how far it is off.
+    """Return a row for each measurement: description, measured, predicted and sigma [SI], and residual [-].
 
-    `residual` is (measured - predicted) / sigma [-], as reports have it; `too_far_off` marks what they mark. Angles are
-    in degrees.
+    `residual` is (measured - predicted) / sigma [-], as in reports; `too_far_off` marks the outliers of the report.
+    Angles are in degrees.
     """
     names = row_names(fit.campaign)
     return [

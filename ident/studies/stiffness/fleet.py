@@ -1,4 +1,4 @@
-"""A fleet of robots of one design: each one's stiffnesses, their population, and who stands out."""
+"""A fleet of robots of one design: the stiffnesses of each, their population, and the outliers."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ CAMPAIGN, ARM = "campaign.csv", "arm.toml"
 
 @dataclass(frozen=True, kw_only=True)
 class FleetOptions(FitOptions):
-    """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
+    """Options of `ident.fleet`: those of each robot's fit; its prior is the interim one."""
 
     refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
 
@@ -35,27 +35,27 @@ class FleetOptions(FitOptions):
     normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
 
     def problems(self) -> list[Problem]:
-        """Refuse processes here beside a cluster."""
+        """Refuse local processes together with a cluster."""
         both = Problem("dask", f"{self.workers} processes here, too", "one of both", "leave `workers` out")
         return [*super().problems(), *([both] if self.dask and self.workers > 1 else [])]
 
     @property
     def of_each(self) -> "FleetOptions":
-        """What results depend on: not where they are computed."""
+        """Return the options that results depend on, without where they are computed."""
         return replace(self, workers=1, dask="")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class FleetResult(Result):
-    """A fleet: what each robot's data say, and the population of their stiffnesses.
+    """A fleet: the estimates of each robot, and the population of their stiffnesses.
 
-    Its table has a row for each robot and stiffness: its own estimate, the shrunk one, and the chance that a healthy
-    robot differs as far from the others. Its figure shows both beside the population.
+    The table has a row for each robot and stiffness: own estimate, shrunk estimate, and the probability that a healthy
+    robot differs as much from the others. The figure shows both estimates next to the population.
 
     Attributes:
-        label: what the fleet is called.
+        label: name of the fleet.
         fleet: robots and population.
-        options: what was asked for.
+        options: the options of the call.
     """
 
     label: str
@@ -69,7 +69,7 @@ class FleetResult(Result):
 
     @property
     def standing_out(self) -> Mapping[str, Mapping[str, float]]:
-        """Robots that stand out, the clearest first: which stiffness, and its change [-] against the fleet's median."""
+        """Robots that stand out, the clearest first: stiffness, and its change [-] from the fleet's median."""
         import numpy as np
 
         fleet, population = self.fleet, self.fleet.population
@@ -88,7 +88,7 @@ class FleetResult(Result):
 
     @property
     def priors(self) -> Mapping[str, str]:
-        """What the fleet says of the next robot before its data, by stiffness, as `prior` takes it."""
+        """Prediction of the next robot by the fleet, before its data, by stiffness, in the format of `prior`."""
         from ident.studies.stiffness.fleet_report import fleet_priors
 
         return fleet_priors(self.fleet)
@@ -104,7 +104,7 @@ class FleetResult(Result):
         return bool(self.standing_out or self.fleet.doubted)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        """Write the result, and the priors for the next robot as flags of `ident fit`."""
+        """Write the result, and the priors of the next robot as flags of `ident fit`."""
         from ident.files import replace_file
 
         written = super()._write(path, head)
@@ -116,13 +116,13 @@ class FleetResult(Result):
         return (*written, beside)
 
     def html(self) -> str:
-        """Return the page of all robots; its links lead to what `save_figures` writes."""
+        """Return the page of all robots; its links lead to the files of `save_figures`."""
         from ident.report.page import render
 
         return render(self._page())
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write the figure, the page of all robots and a folder with a page for each; return the first two's paths.
+        """Write the figure, the page of all robots and a folder of pages, one a robot; return the first two paths.
 
         Raises:
             InputError: the folder or a file can't be written.
@@ -145,7 +145,7 @@ class FleetResult(Result):
         return fleet_page(self.fleet, self.label, self.head, quote(f"{self.name}.pages"), self._drawn())
 
     def _drawn(self) -> "ArmView | None":
-        """Return the arm as it is drawn, where all fitted robots have the same file and it is still what was fitted."""
+        """Return the drawing of the arm, if all fitted robots share one file and it is unchanged since the fit."""
         from ident.description.file import read_arm
         from ident.studies.look.arm_view import arm_view
 
@@ -172,7 +172,7 @@ class FleetResult(Result):
 
 
 Files = tuple[str, Path, Path]
-"""A robot: its name, campaign and arm."""
+"""A robot: name, campaign file, arm file."""
 
 
 @study
@@ -188,16 +188,16 @@ def fleet(
     """Fit each robot of a fleet, and infer the population of their stiffnesses.
 
     Args:
-        robots: a folder with a CSV file, or a folder with one, for each robot; or name, campaign and arm of each. Of
-            several in a robot's folder, campaign.csv is the one. A folder's own arm.toml describes its robot.
-        arm: describes the others; by default arm.toml beside them.
-        options: of the fits, and how many are made at the same time.
-        folder: where each robot's fit is kept when it is done, so that a call after an interruption goes on.
-        label: what the fleet is called; by default after its folder.
-        progress: shows how far it is, over the robots.
+        robots: a folder with one CSV file, or one folder with a CSV file, for each robot; or name, campaign and arm of
+            each. campaign.csv is used where a robot's folder has several. A folder's own arm.toml describes its robot.
+        arm: describes the other robots; by default arm.toml in the folder of the fleet.
+        options: of the fits, and the number of parallel fits.
+        folder: each finished fit is stored here, so that a call after an interruption resumes.
+        label: name of the fleet; by default the name of its folder.
+        progress: shows progress over the robots.
 
     Raises:
-        InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
+        InputError: no robots, or two of one name. A wrong file of one robot does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
     from ident.studies.stiffness.fleet_tasks import Engine, Task, drawn, outcomes
@@ -225,7 +225,7 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
     """Return the robots of a folder.
 
     Raises:
-        InputError: it is none, or holds none.
+        InputError: not a folder, or no robots in it.
     """
     where, expected = one_line(str(folder)), "a folder with a CSV file, or a folder with one, for each robot"
     if not os.path.isdir(folder):
@@ -246,7 +246,7 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
 
 
 def _tables(folder: Path) -> list[Path]:
-    """Return the campaigns in a folder, without the files beside them."""
+    """Return the campaigns in a folder, without companion files."""
     from ident.measure.covariance import COVARIANCE_SUFFIX
     from ident.measure.frames import SETUP_SUFFIX
 

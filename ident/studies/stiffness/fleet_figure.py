@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 FLEET_PANEL = (3.9, 2.7)
 """Width and height of a panel [inch]."""
 WIDEST = 1.0
-"""Standard deviation in theta above which an own estimate is not drawn: its data leave it open."""
+"""Standard deviation of theta above which an own estimate is not drawn: the robot's data do not determine it."""
 MOST = 300
-"""Robots that are drawn, of more those that are farthest off, in the order of their names."""
+"""Robots drawn at most; of more, the ones farthest from the median, ordered by name."""
 
 
 def fleet_figure(fleet: "Fleet") -> Figure:
-    """Draw a panel for each stiffness; robots in the order of their names."""
+    """Draw a panel for each stiffness; robots ordered by name."""
     population = fleet.population
     if population is None:
         return titled((6.0, 1.6), "No population: too few robots could be fitted")
@@ -75,7 +75,7 @@ def _fleet_key(figure: Figure, words: str) -> None:
 
 
 def _panel(axes: Axes, fleet: "Fleet", population: "Population", i: int) -> None:
-    """Draw one stiffness of all members, of many of those that are farthest off."""
+    """Draw one stiffness of all members; of many, the ones farthest from the median."""
     least = fleet.deviations.p.min(1) if fleet.deviations else np.zeros(0)
     shown = np.sort(np.argsort(least, kind="stable")[:MOST])
     scale, unit = in_shown_unit(fleet.names[i], 1.0)
@@ -99,7 +99,7 @@ def _panel(axes: Axes, fleet: "Fleet", population: "Population", i: int) -> None
         axes.scatter(x[which], np.exp(shrunk[which]) * scale, color=colour, s=10, zorder=3)
     for place in np.flatnonzero(off)[:5]:
         note(axes, cut(robots[place].name, 12), (x[place], np.exp(shrunk[place]) * scale), (4, 3))
-    # population and shrunk intervals lie within the frame, own ones may be cut
+    # population and shrunk intervals lie within the frame; it may cut own intervals off
     bottom = min(float((shrunk - 2 * sd).min()), middle - 3 * spread)
     top = max(float((shrunk + 2 * sd).max()), middle + 3 * spread)
     room = 0.05 * (top - bottom)

@@ -1,4 +1,4 @@
-"""A fleet as pages: one at a glance, a robot a row, and one for each robot."""
+"""A fleet as pages: an overview with one row a robot, and a page for each robot."""
 
 import re
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ident.studies.look.arm_view import ArmView
 
 FILE_HEAD = ("what", "file", "SHA-256")
-"""Head of a table of what went in."""
+"""Head of the table of input files."""
 
 
 def file_name(robot: "Robot") -> str:
@@ -46,10 +46,10 @@ def fleet_page(fleet: "Fleet", label: str, head: Mapping[str, Any], pages: str, 
 
     Args:
         fleet: robots and population.
-        label: what the fleet is called.
+        label: name of the fleet.
         head: provenance, as in the result file.
         pages: address of the folder with the robots' pages, relative to this one.
-        view: the arm of all of them, as it is drawn.
+        view: the drawing of the arm that all robots share.
     """
     said, population = fleet_sections(fleet), fleet.population
     assert said.verdict is not None
@@ -74,7 +74,7 @@ def fleet_page(fleet: "Fleet", label: str, head: Mapping[str, Any], pages: str, 
 
 
 def _robots(fleet: "Fleet", pages: str) -> Section:
-    """Return the table of all robots: those that are odd first."""
+    """Return the table of all robots: unusual ones first."""
     population = fleet.population
     place = {robot: r for r, robot in enumerate(fleet.members)}
     order, names = robots_in_order(fleet), fleet.names if population else ()
@@ -116,8 +116,8 @@ def robot_page(fleet: "Fleet", i: int, label: str, head: Mapping[str, Any], abov
 
     Args:
         fleet: robots and population.
-        i: its place among the robots.
-        label: what the fleet is called.
+        i: index of the robot.
+        label: name of the fleet.
         head: provenance, as in the result file.
         above: address of the fleet's page, relative to this one.
     """
@@ -178,6 +178,6 @@ def _stiffnesses(fleet: "Fleet", robot: "Robot", r: int | None) -> Section:
 
 
 def _shown(robot: "Robot", theta: np.ndarray) -> list[str]:
-    """Write the stiffnesses of a robot in the unit that is shown."""
+    """Write the stiffnesses of a robot in display units."""
     values = zip(robot.names, np.exp(theta).tolist(), strict=True)
     return [f"{in_shown_unit(name, value)[0]:#.4g}" for name, value in values]

@@ -1,4 +1,4 @@
-"""A fleet: its population and who stands out, as its report says it; its rows and priors for programs."""
+"""The report of a fleet: population and outliers; its table, and the priors of the next robot."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -14,19 +14,19 @@ from ident.studies.stiffness.compare_report import ratio_words, stiffness_words
 from ident.text import as_word
 
 LISTED = 20
-"""Robots of a kind that are listed; the result's file has all."""
+"""Robots listed per group; the result file has all."""
 LONGEST = 130
-"""Characters of a reason on the first screen."""
+"""Longest reason on the first screen [characters]."""
 COLUMNS = 4
-"""Stiffnesses beside each other in a table of robots."""
+"""Stiffnesses per row block in a table of robots."""
 R_HAT_MOST = 1.02
-"""R-hat up to which chains agree."""
+"""R-hat up to which chains count as agreeing."""
 BOUND = 0.25
-"""Spread in theta above which it is called wide: robots of one design differ less."""
+"""Spread of theta above which it is called wide: robots of one design differ less."""
 
 
 def fleet_sections(fleet: Fleet) -> Report:
-    """Return all that is said of a fleet."""
+    """Return the report of a fleet."""
     counts = [f"{len(fleet.members)} in the population"]
     counts += [f"{len(fleet.failed)} failed"] * bool(fleet.failed)
     counts += [f"{len(fleet.doubted)} with data in doubt"] * bool(fleet.doubted)
@@ -44,7 +44,7 @@ def fleet_sections(fleet: Fleet) -> Report:
 
 
 def _damping(fleet: Fleet) -> Iterator[str]:
-    """Yield the median of the robots' damping ratios and their spread; it is no part of the verdict."""
+    """Yield the median and spread of the robots' damping ratios; the verdict does not depend on them."""
     ratios = [fleet.robots[i].damping_ratio for i in fleet.members if fleet.robots[i].damping_ratio]
     if len(ratios) > 1:
         middle, spread = percent(float(np.median(ratios))), percent(float(np.log(ratios).std(ddof=1)))
@@ -57,7 +57,7 @@ def member(fleet: Fleet, place: int) -> Robot:
 
 
 def outlying(fleet: Fleet) -> dict[int, str]:
-    """Say of each member that stands out which stiffness does and by how much: `joint2 in torsion -46.3 %`."""
+    """Return by outlying member which stiffness stands out and by how much: `joint2 in torsion -46.3 %`."""
     if fleet.population is None:
         return {}
     return {
@@ -67,7 +67,7 @@ def outlying(fleet: Fleet) -> dict[int, str]:
 
 
 def _change(population: Population, r: int, i: int) -> str:
-    """Write how far a stiffness of a member is from the fleet's median."""
+    """Write the distance of a member's stiffness from the fleet's median."""
     return ratio_words(float(population.robot_mean[r, i] - population.next_mean[i]))
 
 
@@ -75,7 +75,7 @@ def _change(population: Population, r: int, i: int) -> str:
 
 
 def _verdict(fleet: Fleet) -> Verdict:
-    """Judge a fleet: NO POPULATION, n OF m STAND OUT, INCOMPLETE where robots are left out, else NONE STANDS OUT."""
+    """Judge a fleet: NO POPULATION, n OF m STAND OUT, INCOMPLETE if robots are missing, else NONE STANDS OUT."""
     groups = {"Failed": fleet.failed, "Data in doubt": fleet.doubted}
     named = {word: some([cut(each.name, 30) for each in robots]) for word, robots in groups.items() if robots}
     others = "".join(f" {word}: {names}." for word, names in named.items())
@@ -99,7 +99,7 @@ def _verdict(fleet: Fleet) -> Verdict:
 
 
 def _findings(fleet: Fleet) -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
+    """Yield the findings that affect the verdict, most important first."""
     population = fleet.population
     if population:
         yield from _advice(fleet, population)
@@ -123,7 +123,7 @@ def _others(robots: Sequence[Robot]) -> str:
 
 
 def _advice(fleet: Fleet, population: Population) -> Iterator[Finding]:
-    """Yield what to look at on the robots that stand out."""
+    """Yield what to check on the outlying robots."""
     remedies = {
         "softer": "check bolts, bearing, gear and belt; look for a crack",
         "stiffer": "check what was replaced or tightened, or what rubs",
@@ -150,7 +150,7 @@ def _next(fleet: Fleet) -> str:
 
 
 def _clearest(fleet: Fleet) -> Table:
-    """Return a row for each robot that stands out, with its clearest stiffness."""
+    """Return a row for each outlying robot, with its clearest stiffness."""
     listed = list(fleet.standing_out.items())[:LISTED]
     rows = []
     for r, which in listed:
@@ -166,7 +166,7 @@ JUDGED = ("stiffness", "against the fleet", "95 % of healthy robots", "chance")
 
 
 def _judged(fleet: Fleet, r: int, i: int) -> tuple[str, str, str, str]:
-    """Return stiffness, deviation, where 95 % of healthy robots lie, and the chance of it in a healthy fleet."""
+    """Return stiffness, deviation, 95 % range of healthy robots, and the deviation's probability in a healthy fleet."""
     judged, population = fleet.deviations, fleet.population
     assert judged is not None
     assert population is not None
@@ -177,7 +177,7 @@ def _judged(fleet: Fleet, r: int, i: int) -> tuple[str, str, str, str]:
 
 
 def population_table(fleet: Fleet, population: Population) -> Table:
-    """Return median and spread of each stiffness from robot to robot."""
+    """Return the median and robot-to-robot spread of each stiffness."""
     rows = []
     for i, name in enumerate(fleet.names):
         medians = np.quantile(population.mean[:, i], [0.025, 0.5, 0.975])
@@ -191,12 +191,12 @@ def population_table(fleet: Fleet, population: Population) -> Table:
 
 
 def against_median(population: Population, r: int) -> tuple[str, ...]:
-    """Write how far each stiffness of a member is from the fleet's median, with its standard error."""
+    """Write the distance of each stiffness of a member from the fleet's median, with its standard error."""
     return tuple(f"{_change(population, r, i)} ± {percent(float(sd))}" for i, sd in enumerate(population.robot_sd[r]))
 
 
 def robots_in_order(fleet: Fleet) -> list[int]:
-    """Return the places of all robots: those that stand out first, then those without a part in the population."""
+    """Return the indices of all robots: outliers first, then robots that are not part of the population."""
     out = [fleet.members[r] for r in fleet.standing_out]
     odd = [*out, *(i for i, robot in enumerate(fleet.robots) if robot.failed or robot.doubts)]
     return [*odd, *(i for i in fleet.members if i not in set(out))]
@@ -236,7 +236,7 @@ def _listed(lines: Sequence[str]) -> tuple[str, ...]:
 
 
 def what_stands_out() -> str:
-    """Say when a robot stands out."""
+    """Return the rule by which a robot stands out."""
     return (
         "Chance: probability that any stiffness of a fleet of healthy robots differs as much from the other robots. A "
         f"robot stands out below {percent(FALSE_ALARM)}; the population is then that of the others."
@@ -244,7 +244,7 @@ def what_stands_out() -> str:
 
 
 def trust_in(fleet: Fleet, population: Population) -> Iterator[str]:
-    """Say what the population's numbers mean, where each robot's likelihood comes from, and how far to trust it."""
+    """Yield the meaning of the population's numbers, the source of each robot's likelihood, and how far to trust it."""
     low, high = map(percent, np.quantile(population.share, [0.025, 0.975]).tolist())
     yield (
         "Spread: standard deviation of ln(stiffness) from robot to robot, without those that stand out; wide: above "
@@ -268,7 +268,7 @@ def trust_in(fleet: Fleet, population: Population) -> Iterator[str]:
 
 
 def _against(fleet: Fleet, population: Population) -> Section:
-    """Return each member against the fleet's median, a few stiffnesses at a time."""
+    """Return each member against the fleet's median, a few stiffnesses per table."""
     order = [fleet.members.index(i) for i in robots_in_order(fleet) if i in set(fleet.members)]
     tables = []
     for start in range(0, len(fleet.names), COLUMNS):
@@ -281,7 +281,7 @@ def _against(fleet: Fleet, population: Population) -> Section:
 
 
 def priors_section(fleet: Fleet) -> Section:
-    """Return the fleet's prediction of the next robot, as priors of its fit."""
+    """Return the fleet's prediction of the next robot, as priors of a fit."""
     note = "As `ident fit --prior=STIFFNESS=PRIOR` takes them; FLEET.fleet.prior holds these flags."
     table = Table("", ("stiffness", "prior [SI]"), tuple(fleet_priors(fleet).items()), note=note)
     return Section("Prediction of the next robot, before its data", (table,))
@@ -291,7 +291,7 @@ def priors_section(fleet: Fleet) -> Section:
 
 
 def fleet_rows(fleet: Fleet) -> list[dict[str, Any]]:
-    """Return a row for each member and stiffness: own and shrunk estimate, and how far it is from the others."""
+    """Return a row for each member and stiffness: own and shrunk estimate, and its distance from the others."""
     population, judged = fleet.population, fleet.deviations
     if population is None or judged is None:
         return []
@@ -310,7 +310,7 @@ def fleet_rows(fleet: Fleet) -> list[dict[str, Any]]:
 
 
 def fleet_priors(fleet: Fleet) -> dict[str, str]:
-    """Return the population's prediction of the next healthy robot as log-normal priors [SI], by stiffness."""
+    """Return the population's prediction of the next healthy robot, as log-normal priors [SI] by stiffness."""
     if fleet.population is None:
         return {}
     ends = zip(fleet.names, np.exp(fleet.population.next_mean), fleet.population.next_sd, strict=True)

@@ -1,7 +1,7 @@
-"""The robots of a fleet as tasks: each reads its files and writes one, whole or not at all.
+"""The robots of a fleet as tasks: each reads its files and writes one result file, completely or not at all.
 
-What a task writes depends on its inputs, its options and the program alone, and its file is named by a hash of these:
-whoever does it, and how often, the file is the same.
+A result depends only on inputs, options and the program, and a hash of these names its file: the file is the same
+whoever computes it, and however often.
 """
 
 import json
@@ -34,22 +34,22 @@ if TYPE_CHECKING:
     from ident.studies.stiffness.fleet import FleetOptions
 
 KILLS = 3
-"""Workers that a robot may have killed before it is given up."""
+"""Killed workers after which a robot is given up."""
 KILLED = f"its computation was killed {KILLS} times; look at the memory, or fit it alone"
-"""Why such a robot has no fit."""
+"""Error message of such a robot."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """A robot to be fitted by itself, or to be drawn under a population; what comes out is kept in a file of its own.
+    """Fit a robot by itself, or draw it under a population; the result goes to a file of its own.
 
     Attributes:
-        name: the robot's.
+        name: name of the robot.
         campaign: its measurements, a CSV file.
         arm: its description, a TOML file.
-        options: of its fit.
-        folder: where its results go.
-        under: the population; None to fit it.
+        options: options of its fit.
+        folder: folder of the results.
+        under: the population; None to fit the robot by itself.
     """
 
     name: str
@@ -61,9 +61,9 @@ class Task:
 
     @property
     def file(self) -> Path:
-        """Where the result goes: a hash of inputs and options, of the program's sources and libraries, of the machine.
+        """Result file: a hash of inputs and options, of program sources and libraries, and of the machine.
 
-        The draws' is also of the population.
+        For draws also of the population.
         """
         from ident.programs import environment
 
@@ -73,20 +73,20 @@ class Task:
         return self.folder / f"{key}.{'draws' if self.under else 'robot'}"
 
     def read(self) -> tuple[Any] | None:
-        """Return what was written, in a tuple; None where nothing was, or the file is damaged."""
+        """Return the stored result in a tuple; None without one, or if the file is damaged."""
         results = read_item(self.file)
         return results if isinstance(results, tuple) else None
 
     def do(self) -> str:
-        """Do what is asked for, and write it.
+        """Compute the task and write its result.
 
         Returns:
-            What nobody has expected, such as an error of a library; of it nothing is kept, since it may not come again.
+            Text of an unexpected error, such as one of a library; it is not stored, since it may not happen again.
 
         Raises:
             InputError: the folder can't be written.
         """
-        file = self.file  # before the inputs are read: had one changed since, the name would not be of the new one
+        file = self.file  # before the inputs are read: if one changed in between, the name would not belong to it
         try:
             results = (self.drawn(self.under) if self.under else self.fitted(),)
         except Exception as error:
@@ -96,7 +96,7 @@ class Task:
         return ""
 
     def fitted(self) -> "Robot":
-        """Fit the robot, or say which input is wrong."""
+        """Fit the robot, or return it with its input error."""
         from ident.identify.fleet import robot_of
         from ident.studies.stiffness.fit import fit
 
@@ -107,7 +107,7 @@ class Task:
             return self.failed(str(error))
 
     def drawn(self, under: "Under") -> "Draws | None":
-        """Draw the robot; None where that is not possible."""
+        """Draw the robot; None where that fails."""
         from ident.identify.fleet import draws_under
         from ident.measure import read_campaign
         from ident.studies.shared import as_file
@@ -124,7 +124,7 @@ class Task:
         return SourceFile(str(self.campaign), digest(self.campaign)), SourceFile(str(self.arm), digest(self.arm))
 
     def failed(self, error: str) -> "Robot":
-        """Return the robot as one without a fit."""
+        """Return the robot without a fit."""
         from ident.identify.fleet import Robot
 
         campaign, arm = self.sources
@@ -132,25 +132,25 @@ class Task:
 
 
 # -------- Fleet engine
-# Who does the tasks of a fleet: this process, or the workers of a Dask cluster, here or elsewhere.
+# Tasks of a fleet run in this process, or on the workers of a Dask cluster, local or remote.
 #
-# A worker reads a task's files and writes its file: what is killed loses the tasks under way alone, and what was done
-# before is skipped.
+# A worker reads a task's files and writes its result file: a killed worker loses only its current task, and finished
+# tasks are skipped.
 
 LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
 """Loggers of Dask that write tracebacks of lost connections."""
 
 CONNECT, WORKERS = 10.0, 30.0
-"""Time [s] in which a scheduler must answer at first, and in which a worker must be there."""
+"""Time limit [s] for the scheduler's first answer, and for a worker to appear."""
 QUIET, ANSWER = 5.0, 15.0
-"""Time [s] without news after which the scheduler is asked whether it is there, and in which it must answer."""
+"""Time [s] without news after which the scheduler is pinged, and time limit [s] for its answer."""
 OF_JAX = ("jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
 OF_SYSTEM = ("IDENT_PROGRAMS", "EQX_ON_ERROR", "TF_CPP_MIN_LOG_LEVEL")
-"""What workers take over of jax's settings, and of the environment."""
+"""Settings of jax and of the environment that workers take over."""
 SAFE_PATH = "PYTHONSAFEPATH"
-"""Variable of the environment by which Python leaves the current folder out where it looks for modules."""
+"""Environment variable that makes Python ignore the current folder when it looks for modules."""
 ONE = threading.Lock()
-"""Held while a cluster's worker does a task: jax uses all cores, and folder and settings are the process's."""
+"""Held while a worker of a cluster does a task: jax uses all cores, and folder and settings belong to the process."""
 
 
 class LostError(IdentError):
@@ -161,10 +161,10 @@ class LostError(IdentError):
 
 
 class Engine(ExitStack):
-    """Does tasks where the options say; a context, to whose end it stays connected with a cluster.
+    """Run tasks where the options say; a context manager that stays connected to a cluster until it ends.
 
     Args:
-        options: processes here, or a cluster.
+        options: local processes, or a cluster.
     """
 
     def __init__(self, options: "FleetOptions"):
@@ -173,7 +173,7 @@ class Engine(ExitStack):
         self.cluster: Callable[[list[Task]], Iterator[tuple[Task, str]]] | None = None
 
     def done(self, tasks: list[Task]) -> Iterator[tuple[Task, str]]:
-        """Return each task when it is done, and why it is not; those that were done before come first."""
+        """Yield each finished task with its error, empty if none; tasks of earlier runs come first."""
         pending = []
         for task in tasks:
             if task.read() is None:
@@ -189,21 +189,21 @@ class Engine(ExitStack):
 
 
 def outcomes(robots: list[Task], engine: Engine) -> Iterator["Robot"]:
-    """Fit what is not fitted of the robots, as workers come free, and return all, those that were fitted first."""
+    """Fit the robots without a fit as workers become free, and yield all, fitted ones first."""
     for task, reason in engine.done(robots):
         known = task.read()
         yield known[0] if known else task.failed(f"{task.campaign}: {reason or 'its result can not be read'}")
 
 
 def drawn(robots: list[Task], under: "Under", engine: Engine) -> 'Iterator[tuple[str, "Draws | None"]]':
-    """Draw robots under a population, as workers come free; None for one of which that is not possible."""
+    """Draw robots under a population as workers become free; None for a robot that can't be drawn."""
     for task, _ in engine.done([replace(robot, under=under) for robot in robots]):
         known = task.read()
         yield task.name, known[0] if known else None
 
 
 def _handed_out(client: Any, work: Callable[[Task], str], pending: Sequence[Task]) -> Iterator[tuple[Task, str]]:
-    """Return each task when a worker of the client's cluster has done it, or it is given up, and why it is not."""
+    """Yield each task with its error when a worker of the client's cluster has finished it, or it is given up."""
     executor, news = client.get_executor(pure=False), Queue[Future[str]]()
     running: dict[Future[str], tuple[Task, int]] = {}
 
@@ -224,7 +224,7 @@ def _handed_out(client: Any, work: Callable[[Task], str], pending: Sequence[Task
         wrong = LostError() if future.cancelled() else future.exception()
         if wrong is None:
             yield task, future.result()
-        elif task.read() is not None:  # killed after that
+        elif task.read() is not None:  # killed after it had written its result
             yield task, ""
         elif isinstance(wrong, IdentError):
             raise wrong
@@ -238,8 +238,8 @@ def _handed_out(client: Any, work: Callable[[Task], str], pending: Sequence[Task
 
 
 def _begin(settings: dict[str, dict[str, Any]]) -> None:
-    """Set a worker up like the process that has these settings; jax and equinox read some of them when imported."""
-    sys.path[:] = filter(None, sys.path)  # an empty one is the current folder: of a cluster's worker the client's
+    """Give a worker the settings of the client process; jax and equinox read some of them at import."""
+    sys.path[:] = filter(None, sys.path)  # an empty entry is the current folder: for a cluster's worker the client's
     for name in OF_SYSTEM:
         os.environ.pop(name, None)
     os.environ.update(settings["system"])
@@ -250,7 +250,7 @@ def _begin(settings: dict[str, dict[str, Any]]) -> None:
 
 
 def _settings() -> dict[str, dict[str, Any]]:
-    """Return what a worker shall take over from this process."""
+    """Return the settings that a worker takes over from this process."""
     import jax
 
     system = {name: os.environ[name] for name in OF_SYSTEM if name in os.environ}
@@ -258,7 +258,7 @@ def _settings() -> dict[str, dict[str, Any]]:
 
 
 def _circumstances() -> dict[str, str]:
-    """Return what must be the same at a client and its workers, by the name that a message has for it."""
+    """Return what must be the same at client and workers, by its name in error messages."""
     from ident.programs import SOURCES, circumstances
 
     every = {"ident": SOURCES, **circumstances()}
@@ -267,18 +267,18 @@ def _circumstances() -> dict[str, str]:
 
 
 def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
-    """Do a task on a cluster's worker, unless it has killed as many as it may; return why nothing was written.
+    """Do a task on a cluster's worker, unless it has killed too many workers; return why nothing was written.
 
-    While it lasts there is a mark in the run's folder: one that is left is of a worker that was killed. Dask's own
-    count would not do, for it blames tasks that only waited at that worker.
+    A mark in the run's folder exists while the task runs: a mark left behind means a killed worker. Dask's own count
+    would not do: it also blames tasks that only waited at that worker.
 
     Args:
-        run: a folder that the client has made for this run, with a file that says what it is.
-        folder: which paths are relative to.
-        task: None to see only whether this worker could do one.
+        run: a folder that the client made for this run, with a file that identifies it.
+        folder: base of relative paths.
+        task: None to test only whether this worker could do one.
 
     Raises:
-        InputError: it is of other versions, or can't read and write the client's folder.
+        InputError: the worker has other versions, or can't read and write the client's folder.
     """
     where = f"dask, worker on {platform.node()}"
     with ONE:
@@ -309,7 +309,7 @@ def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
 
 @contextmanager
 def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[Task]], Iterator[tuple[Task, str]]]]:
-    """Connect with a Dask scheduler whose workers share a folder with this machine; yield what has tasks done there.
+    """Connect to a Dask scheduler whose workers share a folder with this machine; yield the function that runs tasks.
 
     Raises:
         InputError: no Dask here, or no scheduler or workers there; workers of other versions, or without the folder.
@@ -326,7 +326,7 @@ def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[T
         raise refusal(where, f"{got} without the package {error.name}", "it installed", remedy) from None
     before = {logger: logger.level for logger in map(logging.getLogger, LOGGERS)}
     for logger in before:
-        logger.setLevel(logging.CRITICAL)  # a lost scheduler is said in one line, by us
+        logger.setLevel(logging.CRITICAL)  # a lost scheduler gives one line, from us
     run, at_end = folder.absolute() / f".attempts-{uuid4().hex}", ExitStack()
     try:
         address = options.dask or at_end.enter_context(_local_cluster(options.workers))
@@ -345,22 +345,22 @@ def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[T
     finally:
         shutil.rmtree(run, ignore_errors=True)
         with suppress(OSError):
-            folder.rmdir()  # where nothing is in it yet
+            folder.rmdir()  # if still empty
         at_end.close()
         for logger, level in before.items():
             logger.setLevel(level)
 
 
 def _take_leave(client: Any) -> None:
-    with suppress(Exception):  # of a lost scheduler nobody can
+    with suppress(Exception):  # a lost scheduler can't answer
         client.close(timeout=1)
 
 
 @contextmanager
 def _local_cluster(workers: int) -> Iterator[Any]:
-    """Start a cluster of processes on the loopback, which look for no modules in the current folder.
+    """Start a cluster of local processes, which look for no modules in the current folder.
 
-    That folder anybody may have filled. A temporary certificate keeps other users of the machine from connecting.
+    Anybody may have written to that folder. A temporary certificate keeps other users of the machine from connecting.
     """
     import dask
     from distributed import LocalCluster
@@ -370,7 +370,7 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     os.environ.setdefault(SAFE_PATH, "1")
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None  # they inherit it: Ctrl-C is ours
     try:
-        # no settings of Dask's own for its workers: what they compute is the same to the bit as here
+        # no Dask settings for its workers: their results are the same to the bit as here
         with (
             dask.config.set({"distributed.nanny.pre-spawn-environ": {}}),
             LocalCluster(
@@ -395,14 +395,14 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 
 
 def _check(client: Any, work: Callable[[], str]) -> None:
-    """Refuse workers that could not do a task, before anything is computed."""
+    """Refuse workers that could not do a task, before the first computation."""
     try:
         client.wait_for_workers(1, timeout=WORKERS)
         answers = client.run(work, on_error="return")
     except TimeoutError:
         got = "a scheduler without workers"
         raise refusal("dask", got, "one at least", "start `dask worker`") from None
-    except Exception:  # whichever of Dask's, of asyncio's and of the system's
+    except Exception:  # any error of Dask, asyncio or the system
         raise LostError from None
     problems: list[Problem] = []
     for name, wrong in answers.items():
@@ -416,7 +416,7 @@ def _check(client: Any, work: Callable[[], str]) -> None:
 
 
 def _ask(client: Any) -> None:
-    """Ask whether the scheduler is there, and knows of this client's tasks."""
+    """Ask whether the scheduler is alive and knows this client's tasks."""
     try:
         client.sync(client.scheduler.identity, callback_timeout=ANSWER)
     except Exception:

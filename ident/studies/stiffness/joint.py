@@ -1,4 +1,4 @@
-"""Tell stiffness, damping, friction, backlash and delay of a joint from logs of its motor and its link."""
+"""Identify stiffness, damping, friction, backlash and delay of a joint from logs of its motor and its link."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from ident.measure.joint_log import JointLog
 
 NAMED = 3
-"""Logs after which a result is called."""
+"""Largest number of logs in the name of a result."""
 ALIKE = 0.99
-"""Correlation of a motor and a link from which on one follows the other."""
+"""Correlation of motor and link from which one follows the other."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointOptions(UnitOptions):
-    """Options of `ident.joint`: what is known of the joints, and how they were tested."""
+    """Options of `ident.joint`: known data of the joints, and how they were tested."""
 
     ratio: dict[str, float] = option(
         {},
@@ -41,7 +41,7 @@ class JointOptions(UnitOptions):
     upto: float = option(20.0, "frequency [Hz] up to which the logs count", above=0.0)
 
     def problems(self) -> list[Problem]:
-        """Refuse ratios and inertias that no drive has."""
+        """Refuse impossible ratios and inertias."""
         numbers = [(name, x) for name in ("ratio", "inertia") for x in getattr(self, name).values()]
         bad = [Problem(name, f"{x:g}", "a number above 0", "correct it") for name, x in numbers if not 0 < x < 1e9]
         if self.alone and self.locked:
@@ -51,15 +51,15 @@ class JointOptions(UnitOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class JointResult(Result):
-    """What logs say of their joints.
+    """Quantities of joints, identified from their logs.
 
-    Its table has a row for each joint and quantity: value with its 95 % interval [SI], and whether it is told.
-    Its figure shows the torque of each joint over its twist.
+    The table has a row for each joint and quantity: value with its 95 % interval [SI], and whether it is determined.
+    The figure shows the torque of each joint over its twist.
 
     Attributes:
-        joints: what was found of each joint.
-        logs: what was measured, counted at the joints.
-        options: what was asked for.
+        joints: identified quantities of each joint.
+        logs: the logs, converted to joint side.
+        options: the options of the call.
     """
 
     joints: "tuple[JointTwist, ...]"
@@ -77,7 +77,7 @@ class JointResult(Result):
 
     @property
     def name(self) -> str:
-        """The logs, and the study."""
+        """Names of the logs, and the study."""
         return f"{'-'.join(Path(log.path).stem for log in self.logs[:NAMED])}.joint"
 
     @property
@@ -93,14 +93,14 @@ class JointResult(Result):
 def joint(
     logs: "JointLog | str | Path | Sequence[JointLog | str | Path]", options: JointOptions = DEFAULT
 ) -> JointResult:
-    """Tell stiffness, damping, friction, backlash and delay of joints from logs of their motors and links.
+    """Identify stiffness, damping, friction, backlash and delay of joints from logs of their motors and links.
 
     Args:
-        logs: of the same joints, or their files; a log or several.
-        options: what is known of the joints, and how they were tested.
+        logs: one or several logs of the same joints, or their files.
+        options: known data of the joints, and how they were tested.
 
     Raises:
-        InputError: a log is wrong, or has other columns than the first; an option names no joint of theirs.
+        InputError: a wrong log, or with other columns than the first; an option names an unknown joint.
     """
     from ident.identify.joint import TwistSetting, joint_twist
     from ident.measure.joint_log import JointLog, read_joint_log
@@ -118,7 +118,7 @@ def joint(
     ]
     hashes = [log.sha256 for log in read]
     for k, log in enumerate(read):
-        if log.sha256 and log.sha256 in hashes[:k]:  # counted twice it would be twice as sure
+        if log.sha256 and log.sha256 in hashes[:k]:  # counted twice, it would halve the variance
             got = f"the log {one_line(read[hashes.index(log.sha256)].path)} again"
             problems.append(Problem(one_line(log.path), got, "each log once", "drop one of them"))
     for option_ in ("ratio", "inertia"):
@@ -141,7 +141,7 @@ def joint(
 
 
 def _unlike(log: "JointLog") -> Iterator[Problem]:
-    """Yield links that are their motors, and motors that follow their links, but not as far, or the other way."""
+    """Yield links identical to their motors, and motors that follow their links with another amplitude or sign."""
     import numpy as np
 
     for name, columns in log.columns.items():
@@ -158,6 +158,6 @@ def _unlike(log: "JointLog") -> Iterator[Problem]:
 
 
 def _at_joint(columns: Mapping[str, Any], ratio: float) -> dict[str, Any]:
-    """Return a joint's columns with those of the motor counted at the joint."""
+    """Return the columns of a joint, with those of the motor converted to joint side."""
     factors = {"motor": 1 / ratio, "torque": ratio}
     return {channel: values * factors.get(channel, 1.0) for channel, values in columns.items()}

@@ -1,4 +1,4 @@
-"""Joints from their own logs: what is said of them, and rows for programs."""
+"""The report of joints from their own logs, and its table."""
 
 from collections.abc import Iterator, Sequence
 from math import isnan
@@ -21,13 +21,13 @@ HEADS = {
     "backlash": "backlash [mrad]",
     "delay": "delay [ms]",
 }
-"""Heads of the quantities' columns."""
+"""Column heads of the quantities."""
 SIZES = {"backlash": 1e3, "delay": 1e3}
-"""Factors from SI to the unit of a head, where it is another."""
+"""Factors from SI to the unit of a column head, where it differs."""
 
 
 def joint_sections(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Report:
-    """Return all that is said of joints."""
+    """Return the report of joints."""
     names = some([Path(log.path).name or "a log" for log in logs])
     return Report(
         f"{counted(len(joints), 'joint')} from {counted(len(logs), 'log')} of motor and link ({names})",
@@ -141,7 +141,7 @@ def _details(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iter
 
 
 def joint_rows(joints: "Sequence[JointTwist]") -> list[dict[str, Any]]:
-    """Return a row for each joint and quantity [SI]; NaN for what the logs have nothing of."""
+    """Return a row for each joint and quantity [SI]; NaN for quantities without information in the logs."""
     return [
         {"joint": each.name, "quantity": quantity, "value": number.value, "low": number.low, "high": number.high}
         | {"told": each.told(quantity)}

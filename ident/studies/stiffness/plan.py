@@ -1,4 +1,4 @@
-"""Rank what to measure next by what it would tell for its cost."""
+"""Rank the next measurements by information per cost."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions(FitOptions):
-    """Options of `ident.plan`: what to choose from, for what, and what is unknown."""
+    """Options of `ident.plan`: the candidates, the aim, and the unknowns."""
 
     refuses: ClassVar[tuple[str, ...]] = ("no_explain",)
 
@@ -71,7 +71,7 @@ class PlanOptions(FitOptions):
 
     @property
     def settings(self) -> "PlanSettings":
-        """The same as identification takes it, in SI."""
+        """Options as identification takes them, in SI."""
         from ident.identify.plan import PlanSettings
         from ident.measure import OWN_WEIGHT, Load
 
@@ -92,16 +92,16 @@ class PlanOptions(FitOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class PlanResult(Result):
-    """What to measure next on an arm, and what it will give.
+    """The next measurements on an arm, and what they will gain.
 
-    Its figure shows gain over posture, and what the standard deviations will become; its table has a row for each
-    experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat.
+    The figure shows gain over posture, and the expected standard deviations; the table has a row for each experiment of
+    the batch: posture [deg], load, kind of test, cost [min], gain, nat.
 
     Attributes:
-        arm: the arm as its file has it.
-        plan: the batch, what it was chosen from, and what the standard deviations will become.
-        hammer: where to measure and to hit in the hammer tests of the batch; none where no sensors are named.
-        options: what was asked for.
+        arm: the arm as in its file.
+        plan: the batch, its candidates, and the expected standard deviations.
+        hammer: sensors and hammer points of the hammer tests in the batch; empty where no sensors are named.
+        options: the options of the call.
     """
 
     arm: "ArmFile"
@@ -117,33 +117,33 @@ class PlanResult(Result):
 
     @property
     def name(self) -> str:
-        """The campaign's name, or the arm's, and what was done with it."""
+        """Name of the campaign or of the arm, and of the study."""
         return f"{(self.plan.fit.campaign if self.plan.fit else self.arm).name}.plan"
 
     @property
     def campaign(self) -> "Campaign":
-        """The batch as measurements with the values that are expected."""
+        """The batch as measurements with their expected values."""
         return self.plan.campaign()
 
     @property
     def cost(self) -> float:
-        """What the batch costs [min]."""
+        """Cost of the batch [min]."""
         return float(sum(step.cost for step in self.plan.steps))
 
     @property
     def sd(self) -> Mapping[str, tuple[float, ...]]:
-        """Standard deviation of each parameter, now and after each experiment: of ln(value) [-] of a positive one."""
+        """Standard deviation of each parameter, now and after each experiment: of ln(value) [-] for a positive one."""
         names = self.plan.known.sought
         return {name: tuple(map(float, column)) for name, column in zip(names, self.plan.sd.T, strict=True)}
 
     @property
     def sd_at_draws(self) -> Mapping[str, tuple[float, ...]]:
-        """Standard deviation at the end of the batch, at other draws of what is not known: of ln(value) [-]."""
+        """Standard deviation after the batch, for other draws of the unknowns: of ln(value) [-] for a positive one."""
         names, end = self.plan.known.sought, self.plan.at_draws
         return {name: tuple(map(float, column)) for name, column in zip(names, end.T, strict=True)}
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        """Write the plan, and a campaign to fill in unless the batch is empty."""
+        """Write the plan, and a campaign form unless the batch is empty."""
         from ident.studies.stiffness.plan_report import write_form
 
         forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
@@ -153,7 +153,7 @@ class PlanResult(Result):
 
     @property
     def short(self) -> bool:
-        """Whether the fit that the plan starts from is no optimum."""
+        """Whether the fit that the plan starts from is not an optimum."""
         return self.plan.fit is not None and self.plan.fit.short
 
     def _inputs(self) -> Mapping[str, Any]:
@@ -162,16 +162,16 @@ class PlanResult(Result):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class RunPlanResult(Result):
-    """What planned runs of the moving arm would tell of its drives, and which further run would tell more.
+    """What planned runs of the moving arm would determine about its drives, and which further run would add most.
 
-    Its table has a row for each source: amplitude in the arm's file, standard deviation, least amplitude told [SI].
-    It has no figure.
+    The table has a row for each source: amplitude in the arm file, standard deviation, least detectable amplitude [SI].
+    There is no figure.
 
     Attributes:
-        arm: the arm as its file has it.
-        plan: what the runs would tell.
-        runs: their table.
-        options: what was asked for.
+        arm: the arm as in its file.
+        plan: what the runs would determine.
+        runs: the table of runs.
+        options: the options of the call.
     """
 
     arm: "ArmFile"
@@ -194,18 +194,18 @@ def plan(
     runs: "Runs | str | Path | None" = None,
     progress: Progress = silent,
 ) -> "PlanResult | RunPlanResult":
-    """Choose what to measure next on an arm, by what it would tell for its cost.
+    """Choose the next measurements on an arm by information per cost.
 
     Args:
-        arm: its joint limits and workspace say which postures can be held.
-        campaign: what is measured already; None for nothing, so that the priors alone are known.
-        options: what to choose from, for what, and what is unknown.
+        arm: its joint limits and workspace decide which postures can be held.
+        campaign: the measurements so far; None for none, so that only the priors are known.
+        options: the candidates, the aim, and the unknowns.
         runs: table of runs to measure on the moving arm, instead of a campaign: what they would tell of its drives.
-        progress: shows how far it is, over the starts of the fit, or over further runs.
+        progress: shows progress over the starts of the fit, or over further runs.
 
     Raises:
-        InputError: arm, campaign and options do not fit together; a campaign with runs.
-        ModelError: the campaign can't be fitted, or the arm stands in no posture.
+        InputError: arm, campaign and options do not match; a campaign with runs.
+        ModelError: the campaign can't be fitted, or no posture of the arm is stable.
     """
     import numpy as np
 
@@ -216,7 +216,7 @@ def plan(
     if runs is not None:
         return _of_runs(arm, campaign, runs, options, progress)
     settings = options.settings
-    all_postures(arm.arm, settings.step, settings.seed)  # what is wrong with a step is said before the fit
+    all_postures(arm.arm, settings.step, settings.seed)  # report a wrong step before the fit
     fitted = fit(arm, campaign, options, progress=progress).fit if campaign is not None else None
     made = plan_campaign(arm.arm, fitted, options.unknowns_of(arm), settings)
     best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))

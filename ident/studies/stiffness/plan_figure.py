@@ -1,4 +1,4 @@
-"""What a further measurement would tell, over postures, and the std. errors that a plan leaves."""
+"""Information gain of a further measurement over postures, and the std. errors after a plan."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
     from ident.identify.plan import CampaignPlan
 
 COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's, one for each joint or other part."""
+"""Colours of Okabe and Ito, one for each joint or other part."""
 LISTED = 24
-"""Listed postures up to which each has a bar of its own."""
+"""Number of listed postures up to which each has its own bar."""
 DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
 BADGE: Style = {"marker": "s", "markersize": 10, "markerfacecolor": "white", "color": "black"}
-"""A chosen posture."""
+"""Marker of a chosen posture."""
 CROSS: Style = {"marker": "x", "markersize": 8, "markeredgewidth": 2.2, "color": ORANGE}
-"""A posture that was measured before."""
+"""Marker of a posture already measured."""
 
 
 def plan_figure(plan: "CampaignPlan") -> Figure:
-    """Draw gain per hour over posture with the chosen experiments, and the standard deviations after each of them."""
+    """Draw gain per hour over posture with the chosen experiments, and the standard deviations after each."""
     title = f"What to measure next on {cut(plan.arm.name, 50)}"
     figure = titled((13.0, 6.2), title, (0.12, 0.08), wspace=0.03)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
@@ -85,7 +85,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: "CampaignPlan") -> None
 
 
 def _curve(axes: Axes, plan: "CampaignPlan", angles: np.ndarray, gain: np.ndarray, joint: int) -> dict[int, Any]:
-    """Draw the gain over one joint's angle, also through measured postures beside the grid; return where each is."""
+    """Draw the gain over one joint's angle, through measured postures off the grid too; return each point."""
     heights, postures, line = 60 * plan.best_gain, np.array(plan.predictions.postures), plan.arm.workspace.line
     places = dict(enumerate(zip(np.degrees(postures[:, joint]), heights, strict=True)))
     along = postures if line is None else np.outer(postures[:, joint] / line[joint], line)
@@ -99,7 +99,7 @@ def _curve(axes: Axes, plan: "CampaignPlan", angles: np.ndarray, gain: np.ndarra
 
 
 def _bars(axes: Axes, plan: "CampaignPlan", gain: np.ndarray) -> dict[int, Any]:
-    """Draw a bar for each listed posture; return where the bars of those that show different things end."""
+    """Draw a bar for each listed posture; return the bar end of each distinct posture."""
     rows(axes, [degrees(posture) for posture in plan.grid.postures])
     axes.barh(range(len(gain)), np.nan_to_num(gain), height=0.5, color=PALE_BLUE)
     axes.set(xlim=(0, 1.15 * float(np.nanmax(gain))), xlabel=_gain_label(plan))
@@ -125,7 +125,7 @@ def _map(axes: Axes, angles: np.ndarray, gain: np.ndarray, *, sampled: bool) -> 
 
 
 def _mark(axes: Axes, plan: "CampaignPlan", places: dict[int, Any]) -> None:
-    """Mark postures that were measured, and number the chosen ones beside; several numbers share a place."""
+    """Mark measured postures and number the chosen ones; several numbers may share a place."""
     for i in set(np.flatnonzero(plan.measured).tolist()) & set(places):
         axes.plot(*places[i], linestyle="", zorder=3, clip_on=False, **CROSS)
     chosen = ((each.place, str(i)) for i, each in enumerate(plan.batch, 1) if each.place in places)  # only listed ones

@@ -1,4 +1,4 @@
-"""A plan: the batch, what it will give, what it assumes; its rows, and the campaign to fill in."""
+"""The report of a plan: batch, expected gain, assumptions; its table, and the campaign to fill in."""
 
 import csv
 import math
@@ -41,21 +41,21 @@ if TYPE_CHECKING:
     from ident.studies.stiffness.run_plan import RunPlan
 
 RANKED = 8
-"""Postures that are listed."""
+"""Postures listed."""
 LISTED = 6
 """Experiments of the batch on the first screen, at most."""
 LOOSE = 0.3
-"""Standard deviation of ln(value) from which a parameter is known to a factor only."""
+"""Standard deviation of ln(value) above which a parameter is known only to a factor."""
 LITTLE = 0.9
-"""Share of its standard deviation above which the best further experiment tells little of a parameter."""
+"""Share of its standard deviation above which the best further experiment says little about a parameter."""
 SLACK = 1e-9
-"""Rounding [deg] that is forgiven at a limit."""
+"""Rounding error [deg] tolerated at a limit."""
 COLUMNS = 4
-"""Standard deviations that are shown of each parameter, from now on; the last one always is."""
+"""Standard deviations shown for each parameter, starting now; the last one is always shown."""
 
 
 def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Report:
-    """Return all that is said of a plan."""
+    """Return the report of a plan."""
     batch = _batch_table(plan, LISTED, gains=False) if plan.steps else "No experiment is needed."
     then = "add its rows to the campaign and fit again" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
     if any(m.note.startswith("replace ") for m in plan.campaign()):
@@ -79,7 +79,7 @@ def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Re
 
 
 def _verdict(plan: "CampaignPlan") -> Verdict:
-    """Judge a batch: PROVISIONAL where the fit is in doubt; else by the target, or by what stays hardly known."""
+    """Judge a batch: PROVISIONAL if the fit is in doubt; else by the target, or by unknowns that stay poorly known."""
     items, loose = plan.sought, _loose(plan)
     fine = len(items) - len(loose)
     reached = f"{_target(plan)} {_reached(plan)}".strip()
@@ -99,7 +99,7 @@ def _verdict(plan: "CampaignPlan") -> Verdict:
 
 
 def _reached(plan: "CampaignPlan") -> str:
-    """Say how well the unknowns will be known at the end of the batch."""
+    """Say how well the unknowns will be known after the batch."""
     items, loose, last = plan.sought, _loose(plan), plan.sd[-1]
     minutes = sum(step.cost for step in plan.steps)
     after = f"after {counted(len(plan.steps), 'experiment')} ({minutes:.0f} min)" if plan.steps else "now"
@@ -111,7 +111,7 @@ def _reached(plan: "CampaignPlan") -> str:
 
 
 def _target(plan: "CampaignPlan") -> str:
-    """Say whether the target is reached, at the best estimate and on the other plausible arms; nothing without one."""
+    """Say whether the target is reached, at the best estimate and on the other plausible arms; empty without one."""
     if not plan.settings.target:
         return ""
     target, draws = f"{100 * math.expm1(plan.settings.target):.3g} %", len(plan.at_draws)
@@ -125,12 +125,12 @@ def _target(plan: "CampaignPlan") -> str:
 
 
 def _loose(plan: "CampaignPlan") -> list[int]:
-    """Return the unknowns that the batch leaves known to a factor only."""
+    """Return the unknowns that are known only to a factor after the batch."""
     return [i for i, item in enumerate(plan.sought) if item.positive and plan.sd[-1, i] >= LOOSE]
 
 
 def _findings(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
+    """Yield the findings that affect the verdict, most important first."""
     if plan.fit:
         yield from drive_states(plan.arm, plan.fit.campaign)
     missed = [kept(f"{item.name} {n}") for item, n in zip(plan.sought, plan.missed_at_draws, strict=False) if n]
@@ -150,7 +150,7 @@ def _findings(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Fi
 
 
 def _loose_findings(plan: "CampaignPlan") -> Iterator[Finding]:
-    """Yield which unknowns stay known to a factor only, and what would determine each."""
+    """Yield the unknowns that stay known only to a factor, and what would determine each."""
     hopeless = []
     for i in _loose(plan):
         item, sd = plan.sought[i], float(plan.sd[-1, i])
@@ -171,7 +171,7 @@ def _loose_findings(plan: "CampaignPlan") -> Iterator[Finding]:
 
 
 def criterion_in_words(plan: "CampaignPlan") -> tuple[str, str]:
-    """Return what experiments are chosen for, and the unit of the gain."""
+    """Return the aim of the experiments, and the unit of the gain."""
     if plan.criterion.lower() == D_OPTIMAL:
         return "information on all parameters (D-optimal)", "nat"
     if plan.criterion.lower() == A_OPTIMAL:
@@ -180,19 +180,19 @@ def criterion_in_words(plan: "CampaignPlan") -> tuple[str, str]:
 
 
 def experiment_in_words(experiment: Experiment) -> str:
-    """Say in a few words what is done in an experiment."""
+    """Describe an experiment in a few words."""
     done = {"hammer": experiment.hammer, "2 accelerometers": experiment.labelled, "dial gauge": experiment.dial}
     parts = " + ".join(part for part, is_done in done.items() if is_done)
     return parts + (f", {experiment.load}" if experiment.load else "")
 
 
 def sd_in_words(item: "Parameter", sd: float) -> str:
-    """Write a standard deviation of theta: in percent or as a factor, or in the unit of a quantity of either sign."""
+    """Write a standard deviation of theta: in percent or as a factor, or in the unit of a signed quantity."""
     return scatter(sd) if item.positive else f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
 
 
 def _batch_table(plan: "CampaignPlan", most: int, *, gains: bool = True) -> Table:
-    """Return the first experiments of the batch with their costs, and their gains if asked for."""
+    """Return the first experiments of the batch with costs, and with gains unless `gains` is false."""
     unit = criterion_in_words(plan)[1]
     units = [*([unit] if unit != "nat" else []), "nat"] if gains else []
     rows = [
@@ -205,7 +205,7 @@ def _batch_table(plan: "CampaignPlan", most: int, *, gains: bool = True) -> Tabl
 
 
 def _if_resolved(plan: "CampaignPlan") -> str:
-    """Return the condition on which std. errors after experiments hold where the fit is in doubt."""
+    """Return the condition under which std. errors after experiments hold, if the fit is in doubt."""
     return ", if resolved" * bool(plan.fit and plan.fit.doubts)
 
 
@@ -217,7 +217,7 @@ def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int], condition:
         draws = plan.at_draws[:, i]
         spread = _from_to([sd_in_words(item, float(sd)) for sd in (draws.min(), draws.max())]) if len(draws) else ""
         cells = [sd_in_words(item, float(plan.sd[step, i])) for step in steps]
-        if plan.fit and item.name in names:  # why the fit that a plan starts from has no interval of an unknown
+        if plan.fit and item.name in names:  # why the starting fit has no interval of an unknown
             cells[0] = why_no_interval(plan.fit, names.index(item.name)) or cells[0]
         rows.append((cut(item.name, 38), *cells, spread))
     title += " [% or factor]" * any("factor" in cell for row in rows for cell in row[1:])
@@ -226,7 +226,7 @@ def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int], condition:
 
 
 def _from_to(ends: Sequence[str]) -> str:
-    """Join the ends of a span; two factors as `factor 2.2 to 4.5`, two of one unit as `5.1 to 8 %`."""
+    """Join the ends of a range; two factors as `factor 2.2 to 4.5`, two of one unit as `5.1 to 8 %`."""
     if ends[0] == ends[1]:
         return ends[0]
     first, last = (
@@ -238,7 +238,7 @@ def _from_to(ends: Sequence[str]) -> str:
 
 
 def _experiments_table(plan: "CampaignPlan", title: str, chosen: Sequence[int], *, with_posture: bool = True) -> Table:
-    """Return experiments as the next one, each with its gain and the unknown that it improves most."""
+    """Return candidates for the next experiment, each with its gain and the unknown that it improves most."""
     rows = []
     for rank, i in enumerate(chosen, 1):
         each, after = plan.experiments[i], plan.sd_after(i)
@@ -267,7 +267,7 @@ def _details(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Sec
 
 
 def _candidates(plan: "CampaignPlan") -> Section:
-    """Return what was compared, the best next experiments, and what else could be done at the best posture."""
+    """Return what was compared, the best next experiments, and the alternatives at the best posture."""
     different, every = len(np.unique(plan.grid.seen[plan.grid.seen >= 0])), len(plan.predictions.postures)
     measured = f" ({different} on the grid, {every - different} already measured)" if every > different else ""
     sample = ", a sample of the grid" if plan.grid.sampled else ""
@@ -294,7 +294,7 @@ def _candidates(plan: "CampaignPlan") -> Section:
 
 
 def _batch(plan: "CampaignPlan") -> Iterator[Section]:
-    """Yield what each value of the batch gives."""
+    """Yield the gain of each value in the batch."""
     if not plan.steps:
         return
     rows = [(str(i + 1), value, nats) for i in range(len(plan.steps)) for value, nats in plan.value_gains(i)]
@@ -309,7 +309,7 @@ def _batch(plan: "CampaignPlan") -> Iterator[Section]:
 
 
 def _hammer(plans: Sequence[HammerPlan]) -> Iterator[Section]:
-    """Yield where to measure and to hit in each hammer test."""
+    """Yield the sensors and hammer points of each hammer test."""
     if not plans:
         return
     words = []
@@ -359,9 +359,9 @@ def _assumptions(plan: "CampaignPlan") -> Section:
 
 
 def write_form(plan: "CampaignPlan", path: Path) -> None:
-    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes.
+    """Write the batch as a campaign with empty values and the expected values in the notes.
 
-    A form that has been filled in gets a number.
+    A form that is already filled in is renamed with a number.
     """
     campaign = plan.campaign()
     columns, table = campaign_rows(campaign, relative_sigma=True)
@@ -385,7 +385,7 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
 
 
 def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:
-    """Return a row for each experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat."""
+    """Return a row for each experiment of the batch: posture [deg], load, kind of test, cost [min], gain, nat."""
     return [
         {"step": number}
         | {f"{joint.name} [deg]": math.degrees(q) for joint, q in zip(plan.arm.driven, each.posture, strict=True)}
@@ -396,7 +396,7 @@ def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:
 
 
 def _angles(plan: "CampaignPlan", m: Measurement, measured: Collection[tuple[float, ...]]) -> dict[str, str]:
-    """Return angles to 0.001 deg; exactly where it was measured before, or where they would be beyond a limit."""
+    """Return angles to 0.001 deg; exactly if measured before, or if rounding would exceed a limit."""
     cells = {}
     for number, (joint, angle) in enumerate(zip(plan.arm.driven, m.posture, strict=True), 1):
         low, high = (math.degrees(limit) + slack for limit, slack in zip(joint.limits, (-SLACK, SLACK), strict=True))
@@ -415,11 +415,11 @@ def _is_filled(path: Path) -> bool:
 
 
 # -------- Runs
-# Which run of the moving arm to record next.
+# The next run of the moving arm to record.
 
 
 def run_plan_sections(plan: "RunPlan") -> Report:
-    """Return what planned runs would tell, and which further run would tell more."""
+    """Return what planned runs would determine, and which further run would add most."""
     problem, count = plan.problem, len(plan.problem.sources)
     what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
     told, sized = len(plan.told), plan.sized

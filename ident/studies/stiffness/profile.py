@@ -1,4 +1,4 @@
-"""Check the intervals of a fit: move each parameter, fit all others again, and see how the cost rises."""
+"""Check the intervals of a fit: move each parameter, refit all others, and follow the rise of the cost."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileOptions(FitOptions):
-    """Options of `ident.profile`: those of the fit, which parameters are profiled, and how far."""
+    """Options of `ident.profile`: those of the fit, the profiled parameters, and the range."""
 
     refuses: ClassVar[tuple[str, ...]] = ("no_explain",)
 
@@ -36,14 +36,14 @@ class ProfileOptions(FitOptions):
 class ProfileResult(Result):
     """Profile likelihoods of a fit.
 
-    Its figure has a panel for each parameter; its table a row: fitted value, unit, and the ends [SI] of both intervals.
+    The figure has a panel for each parameter, the table a row: fitted value, unit, and the ends [SI] of both intervals.
 
     Attributes:
-        arm: the arm as its file has it.
+        arm: the arm as in its file.
         fit: the fit whose intervals are checked.
         profiles: the least cost as a function of each parameter.
-        options: what was asked for.
-        short: whether the fit that is profiled is no optimum.
+        options: the options of the call.
+        short: whether the profiled fit is not an optimum.
     """
 
     arm: "ArmFile"
@@ -63,13 +63,13 @@ class ProfileResult(Result):
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
-        """95 % intervals by parameter [SI]; where a side is open, infinity, or zero for a positive number."""
+        """95 % intervals by parameter [SI]; an open side is infinite, or zero for a positive number."""
         ends = {each.name: each.values([each.widest.low, each.widest.high]) for each in self.profiles}
         return {name: (float(low), float(high)) for name, (low, high) in ends.items()}
 
     @property
     def linear(self) -> Mapping[str, bool]:
-        """Whether a parameter's interval agrees with that of the fit, the linear one."""
+        """Whether the interval of a parameter agrees with the linear interval of the fit."""
         return {each.name: each.linear for each in self.profiles}
 
 
@@ -88,11 +88,11 @@ def profile(
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
-        options: those of the fit; which parameters, and how far.
-        progress: shows how far it is, over the starts and then over the sides of the profiles.
+        options: those of the fit; the profiled parameters, and the range.
+        progress: shows progress over the starts and then over the sides of the profiles.
 
     Raises:
-        InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
+        InputError: campaign and arm, or the named parameters, do not match; implausible values.
         ModelError: no optimum was reached.
     """
     from ident.identify.problem import pose

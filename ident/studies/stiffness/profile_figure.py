@@ -38,7 +38,7 @@ PROFILE_PANEL = (3.7, 2.75)
 def profile_figure(fit: "CampaignFit", profiles: Sequence[Profile]) -> Figure:
     """Draw profiles: delta chi-squared against each parameter, relative to its fitted value.
 
-    A curve that leaves the panel through its top ends an interval; an arrow at the side means open.
+    A curve that leaves the panel at the top ends an interval; an arrow at the side means open.
     """
     columns = min(3, len(profiles))
     count = math.ceil(len(profiles) / columns)
@@ -121,7 +121,7 @@ def _place(profile: Profile, theta: Any) -> Any:
 
 
 def _title(profile: Profile) -> str:
-    """Return the name, and below it the fitted value and the widest interval in the unit that people read."""
+    """Return the name, and below it the fitted value and the widest interval in display units."""
     ends = [profile.optimum, profile.widest.low, profile.widest.high]
     size, unit = read_unit(profile.name)
     best, low, high = (written(float(value) / size, "#.4g") for value in profile.values(ends))

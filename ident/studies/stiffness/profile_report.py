@@ -1,4 +1,4 @@
-"""Profiles of a fit: what is said of them, and their rows for programs."""
+"""The report of profiles of a fit, and its table."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -23,7 +23,7 @@ SIDES = ("below", "above")
 
 
 def profile_sections(fit: CampaignFit, profiles: Sequence[Profile]) -> Report:
-    """Return all that is said of profiles."""
+    """Return the report of profiles."""
     verdict = _verdict(fit, profiles)
     following = {"CONFIRMED": "ident validate", "NOT USABLE": "ident fit"}.get(verdict.word)
     if following is None:
@@ -40,7 +40,7 @@ def profile_sections(fit: CampaignFit, profiles: Sequence[Profile]) -> Report:
 
 
 def _verdict(fit: CampaignFit, profiles: Sequence[Profile]) -> Verdict:
-    """Judge the linear intervals by the profiles: CONFIRMED, PARTLY, NOT CONFIRMED; NOT USABLE where the fit is not."""
+    """Judge the linear intervals by the profiles: CONFIRMED, PARTLY, NOT CONFIRMED; NOT USABLE like its fit."""
     if fit.doubts:
         doubts = " ".join(map(sentence, fit.doubts))
         return Verdict("NOT USABLE", f"{doubts} The curves show the shape of chi-squared; use no interval.", "bad")
@@ -77,7 +77,7 @@ def _intervals_table(profiles: Sequence[Profile]) -> Table:
 
 
 def _findings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Finding]:
-    """Yield what is not regular about profiles, the weightiest first."""
+    """Yield irregularities of the profiles, most important first."""
     for profile in sorted(profiles, key=lambda each: -each.beaten):
         if profile.beaten:
             text = f"{profile.name}: on the way chi-squared falls {profile.beaten:.3g} below the fit's"
@@ -137,7 +137,7 @@ def interval_text(profile: Profile, interval: Interval) -> str:
 
 
 def span_text(interval: Interval, low: str, high: str) -> str:
-    """Write an interval whose ends are written: `3.1 to 4.2`, `above 3.1`, or `open`."""
+    """Write an interval from the texts of its ends: `3.1 to 4.2`, `above 3.1`, or `open`."""
     below, above = (ending is Ending.OPEN for ending in interval.endings)
     if below or above:
         return "open" if below and above else f"below {high}" if below else f"above {low}"
@@ -145,7 +145,7 @@ def span_text(interval: Interval, low: str, high: str) -> str:
 
 
 def _shown(profile: Profile, theta: float) -> str:
-    """Write the value at a theta, in the unit that is shown."""
+    """Write the value at a theta in display units."""
     (value,) = profile.values([theta])
     return written(in_shown_unit(profile.name, float(value))[0], "#.4g")
 

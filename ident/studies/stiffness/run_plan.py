@@ -1,9 +1,9 @@
-"""What planned runs would tell of what excites an arm, from the model alone, and which further run would tell more.
+"""What planned runs would determine about the sources of an arm, from the model alone, and the best further run.
 
-White noise of a share of each trace's peak, in further runs the largest among traces of the first one's kind; sources
-as the arm has them. Sensors of further runs see what the first trace does: displacement, velocity or acceleration.
-Further runs are ranked by the information that they add on all sources, 1/2 ln of the ratio of the determinants of the
-covariance before and after.
+Noise is white, a share of each trace's peak, in further runs of the largest peak among traces of the first one's
+kind; the sources are those of the arm. Sensors of further runs measure what the first trace measures: displacement,
+velocity or acceleration. Further runs are ranked by the information that they add on all sources, 1/2 ln of the ratio
+of the determinants of the covariance before and after.
 """
 
 from collections.abc import Iterator
@@ -33,16 +33,16 @@ from ident.vibrate.source_problem import Place, Prior, SourceProblem
 from ident.vibrate.unit_response import Run, Sensor, unit_of
 
 RATE = 100.0
-"""Samples a second: twelve of a vibration of 8 Hz; assumed."""
+"""Sampling rate [Hz]: twelve samples per period at 8 Hz; assumed."""
 WAYS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-"""Directions of the base that are tried."""
+"""Candidate directions in the base frame."""
 PARTS = ("whole stroke", "folded half", "unfolded half")
-"""Ranges of posture that are tried."""
+"""Candidate ranges of posture."""
 
 
 @dataclass(frozen=True)
 class FurtherRun:
-    """A run that could be measured with one sensor, in the first run's phase group, with the noise of the planned ones.
+    """A possible run with one sensor, in the first run's phase group, with the noise of the planned runs.
 
     Attributes:
         speed: [%] of full speed.
@@ -50,7 +50,7 @@ class FurtherRun:
         point: of the arm.
         direction: of the base.
         gain: [nat] information that it adds.
-        sd: (S,) [units] of the sources with it.
+        sd: (S,) [units] of the sources after this run.
     """
 
     speed: float
@@ -63,14 +63,14 @@ class FurtherRun:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What planned runs would tell.
+    """What planned runs would determine.
 
     Attributes:
         problem: the runs.
         noise: share of each trace's peak.
-        amplitude: (S,) [units] of the sources, as the arm has them; 0 where it says nothing.
+        amplitude: (S,) [units] of the sources, as the arm has them; 0 where its file has none.
         sd: (S,) [units] after the runs.
-        further: runs that would add to them, the most telling first.
+        further: further runs, the most informative first.
     """
 
     problem: SourceProblem
@@ -81,37 +81,37 @@ class RunPlan:
 
     @cached_property
     def least(self) -> Float[np.ndarray, "S"]:
-        """Least amplitude [units] that the runs tell: half a 95 % interval is half of it."""
+        """Least detectable amplitude [units]: twice the half-width of a 95 % interval."""
         return np.asarray(least_told(self.sd))
 
     @property
     def told(self) -> "list[ExcitingOrder]":
-        """Sources of the arm that the runs tell."""
+        """Sources of the arm that the runs determine."""
         pairs = zip(self.problem.sources, self.amplitude > self.least, strict=True)
         return [source for source, told in pairs if told]
 
     @property
     def sized(self) -> int:
-        """How many sources have an amplitude in the arm's file."""
+        """Number of sources with an amplitude in the arm file."""
         return int((self.amplitude > 0).sum())
 
     def also(self, run: FurtherRun) -> "list[ExcitingOrder]":
-        """Return the sources that are told with a further run alone."""
+        """Return the sources that are determined only with a further run."""
         more = (self.amplitude > least_told(run.sd)) & ~(self.amplitude > self.least)
         return [source for source, told in zip(self.problem.sources, more, strict=True) if told]
 
 
 def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> RunPlan:
-    """Compute what runs would tell, and which further run would tell most.
+    """Compute what runs would determine, and which further run would add most.
 
     Args:
         arm: the arm; its stiffnesses count as known to 10 %, damping to a factor of two.
         table: the runs, see `measure.runs.planned_runs`.
         noise: share of each trace's peak.
-        progress: shows how far it is.
+        progress: shows progress.
 
     Raises:
-        InputError: see `source.posed`; an arm of which nothing excites a run.
+        InputError: see `source.posed`; no source of the arm excites a run.
         ModelError: the arm collapses.
     """
     problem = posed(arm, unmeasured(arm, table, RATE), prior=Prior.of(arm, {}), offset=CLOCK)
@@ -138,20 +138,20 @@ def _further(
     noise: float,
     progress: Any,
 ) -> Iterator[FurtherRun]:
-    """Yield what one more run with each sensor would tell, after the runs of this covariance of all unknowns.
+    """Yield what one more run with each sensor would add, given the covariance of all unknowns after these runs.
 
     Args:
         problem: the runs.
-        place: where.
-        covariance: after them.
+        place: the point of linearisation.
+        covariance: of all unknowns after the runs.
         sd: of each source's amplitude, by phase group.
         noise: of a further channel [SI].
-        progress: shows how far it is.
+        progress: shows progress.
     """
     known, count = shared_unknowns(place), place.changes.size
     shared = covariance[np.ix_(known, known)]
     before = np.linalg.inv(shared)
-    others = np.square(1 / sd[1:]).sum(0)  # phase groups that the run is not of
+    others = np.square(1 / sd[1:]).sum(0)  # phase groups without this run
     for run, label in progress(list(_candidates(problem))):
         alone = further_run(problem, run, range(len(run.sensors)), RATE)
         here = alone.start._replace(parts=place.parts[:1])
@@ -165,7 +165,7 @@ def _further(
 
 
 def _as_it_is(problem: SourceProblem) -> Place:
-    """Return the point with the sources that the arm has."""
+    """Return the point with the sources of the arm."""
     arm = problem.arm
     sizes = np.array([float(arm.get(each.amplitude)) / unit_of(each) for each in problem.sources])
     for k, source in enumerate(problem.sources):
@@ -185,11 +185,11 @@ def _noise(problem: SourceProblem, place: Place, share: float) -> list[float]:
     if not max(peaks) > 0:
         remedy = "give it drives with an eccentricity or an error"
         raise refusal(problem.arm.name, "nothing that excites a run", "imbalances or transmission errors", remedy)
-    return [share * (peak or max(peaks)) for peak in peaks]  # a sensor across all motion tells nothing anyway
+    return [share * (peak or max(peaks)) for peak in peaks]  # a sensor across all motion has no information
 
 
 def _candidates(problem: SourceProblem) -> Iterator[tuple[Run, tuple[float, str]]]:
-    """Yield runs that could be measured, each with sensors at all points in all directions."""
+    """Yield possible runs, each with sensors at all points in all directions."""
     path, first = problem.arm.stroke, problem.runs[0]
     if path is None:
         return

@@ -1,4 +1,4 @@
-"""Sample the posterior of a campaign: how sure each stiffness is, and which combinations are known."""
+"""Sample the posterior of a campaign: how certain each stiffness is, and which combinations are known."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ MOST_WALKERS = 20_000
 
 @dataclass(frozen=True, kw_only=True)
 class SampleOptions(FitOptions):
-    """Options of `ident.sample`: what is unknown, what is known of it, and how long to sample."""
+    """Options of `ident.sample`: the unknowns, their priors, and the length of the chains."""
 
     refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
 
@@ -49,7 +49,7 @@ class SampleOptions(FitOptions):
     )
 
     def problems(self) -> list[Problem]:
-        """Refuse more walkers than there is time for."""
+        """Refuse more walkers than are feasible."""
         count = self.ensembles * (self.walkers or 0)
         got, expected = f"{count} in {self.ensembles} ensembles", f"at most {MOST_WALKERS} in all"
         many = Problem("walkers", got, expected, "take fewer, or fewer ensembles")
@@ -60,14 +60,14 @@ class SampleOptions(FitOptions):
 class SampleResult(FromFit):
     """A sampled posterior of an arm's campaign.
 
-    Its table has a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat.
+    The table has a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat.
 
     Attributes:
-        arm: the arm as its file has it.
-        sample: the draws, the fit that they started from, the data that they predict, and how far to trust them.
-        options: what was asked for.
-        doubtful: whether the fit that the chains start from is in doubt, or its data contradict an assumption.
-        doubts: why no interval is reported of this posterior; empty where there is no objection.
+        arm: the arm as in its file.
+        sample: the draws, their starting fit, the predicted data, and diagnostics of the chains.
+        options: the options of the call.
+        doubtful: whether the starting fit is in doubt, or its data contradict an assumption.
+        doubts: why no interval of this posterior is reported; empty without objections.
         fitted: the fit that the chains started from.
     """
 
@@ -88,7 +88,7 @@ class SampleResult(FromFit):
 
     @property
     def short(self) -> bool:
-        """Whether the chains are too short, or do not agree."""
+        """Whether the chains are too short, or disagree."""
         return not self.enough
 
     @property
@@ -109,7 +109,7 @@ class SampleResult(FromFit):
 
     @property
     def draws(self) -> "Mapping[str, np.ndarray]":
-        """Draws by parameter, (n,) [SI] each, about the best optimum, burn-in left out."""
+        """Draws by parameter, (n,) [SI] each, about the best optimum, without burn-in."""
         from ident.inference.draws import draws
 
         sample = self.sample.sample
@@ -117,7 +117,7 @@ class SampleResult(FromFit):
 
     @property
     def inference_data(self) -> "arviz.InferenceData":
-        """The draws as ArviZ has them, all SI: each walker a chain, burn-in left out."""
+        """The draws in ArviZ's format, all SI: each walker a chain, without burn-in."""
         from ident.report.document import plain
         from ident.studies.stiffness.sample_files import inference_data
 
@@ -147,7 +147,7 @@ class SampleResult(FromFit):
         return sample_errors(self.sample)
 
     def posterior_draws(self) -> "Draws":
-        """Return the draws as other studies take them over."""
+        """Return the draws as other studies take them."""
         from ident.identify.values import Draws
 
         return Draws.of_sample(self.sample, self.arm.arm, self.arm.sha256).doubted(self.doubts)
@@ -165,23 +165,23 @@ def sample(
 ) -> SampleResult:
     """Sample the posterior of a campaign by emcee, until the effective sample size is reached.
 
-    Interrupted and called again with the same folder and inputs it goes on, and the chain is the same to the bit; with
-    more `steps`, or more `ess`, it only becomes longer. A million draws are kept at most: in a longer run every second
-    step, then every fourth, and so on.
+    After an interruption, a call with the same folder and inputs resumes, and the chain is the same to the bit; more
+    `steps` or `ess` only extend it. At most a million draws are stored: a longer run stores every second step, then
+    every fourth, and so on.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
-        options: what is unknown, what is known of it, and how long to sample.
-        folder: where checkpoints go, and stay; None for none.
-        restart: throw away what is in the folder.
-        progress: shows how far it is, over the starts of the fit and the blocks of steps.
+        options: the unknowns, their priors, and the length of the chains.
+        folder: checkpoints go here, and stay; None for none.
+        restart: discard the contents of the folder.
+        progress: shows progress over the starts of the fit and the blocks of steps.
 
     Raises:
-        InputError: campaign and arm, or the named parameters, do not fit together; implausible values; data and prior
-            that leave a parameter open or exclude each other; checkpoints of another run, or one that is at work there;
+        InputError: campaign and arm, or the named parameters, do not match; implausible values; data and prior that
+            leave a parameter undetermined or exclude each other; checkpoints of another run, or of one still at work;
             `weights` without dynesty.
-        ModelError: no optimum was reached, or the model has no answer about one.
+        ModelError: no optimum was reached, or the model has no solution near one.
     """
     from ident.codec import Store
     from ident.files import claimed
@@ -211,7 +211,7 @@ def sample(
 
 
 def discard_checkpoints(folder: Path) -> None:
-    """Remove what a finished run has kept.
+    """Remove the checkpoints of a finished run.
 
     Raises:
         InputError: another run is at work there.

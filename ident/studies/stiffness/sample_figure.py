@@ -1,4 +1,4 @@
-"""A sampled posterior: what it says, its corner plot and its traces."""
+"""A sampled posterior: its intervals and predictions, its corner plot and its traces."""
 
 from typing import TYPE_CHECKING
 
@@ -100,15 +100,15 @@ def _draw_intervals(axes: Axes, y: int, band: np.ndarray, levels: np.ndarray, co
 
 
 def _shown(result: "CampaignSample") -> list[int]:
-    """Return the places of the unknowns that are shown: all but frames of setups and widths of loops."""
+    """Return the indices of the drawn unknowns: all but measurement frames and hysteresis widths."""
     names = result.sample.posterior.parameters.names
     return [i for i, name in enumerate(names) if not (name.startswith(SETUP) or is_of_loop(name))]
 
 
 def _frame(own: np.ndarray, prior: np.ndarray) -> tuple[float, float, bool]:
-    """Return limits with all intervals, and with the priors as far as these stay readable; whether any is cut off."""
+    """Return limits with all intervals, and with priors as far as intervals stay readable; whether any is cut off."""
     low, high = min(own.min(), 1.0), max(own.max(), 1.0)
-    room = high / low  # priors may reach as far beyond the posterior's intervals as these reach
+    room = high / low  # priors may reach beyond the posterior's intervals by as much as these reach
     ends = [*prior.ravel(), low, high]
     left, right = max(min(ends), low / room), min(max(ends), high * room)
     hidden = bool((prior[:, 0] < left).any() or (prior[:, 1] > right).any())
@@ -117,7 +117,7 @@ def _frame(own: np.ndarray, prior: np.ndarray) -> tuple[float, float, bool]:
 
 
 def _predicted(axes: Axes, result: "CampaignSample") -> None:
-    """Draw each measured value less the band of its predictions, in standard deviations of the measurement."""
+    """Draw each measured value minus its predicted band, in standard deviations of the measurement."""
     campaign, drawn = result.fitted.campaign, result.posterior_predictive
     sigma, measured = np.array([m.sigma for m in campaign]), np.array([m.value for m in campaign])
     bands = np.quantile((measured - drawn.predicted) / sigma, LEVELS, axis=0).T

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 
 def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.InferenceData":
-    """Return draws, simulated data, observed data and sampler statistics, with where they come from; all SI.
+    """Return draws, simulated data, observed data and sampler statistics, with their provenance; all SI.
 
     Every walker is a chain, as ArviZ has it for emcee; `ensemble` and `optimum` say where a chain belongs. Burn-in is
-    left out. A variable's attribute `paths` has the paths of the numbers that it stands for: several where tied.
+    left out. The attribute `paths` of a variable lists the paths of its numbers: several if tied.
 
     Args:
         result: the posterior.
@@ -33,7 +33,7 @@ def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.
     drawn, posterior = result.posterior_predictive, result.sample.posterior
     by_chain = result.sample.by_chain()
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "More chains")  # every walker is one, and few steps may be enough
+        warnings.filterwarnings("ignore", "More chains")  # every walker is a chain, and few steps may be enough
         data = arviz.from_dict(
             posterior=dict(zip(posterior.parameters.names, by_chain.values, strict=True)),
             posterior_predictive={"data": drawn.simulated[None], "predicted": drawn.predicted[None]},

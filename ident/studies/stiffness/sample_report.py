@@ -1,4 +1,4 @@
-"""A sampled posterior: what is said of it, and its rows for programs."""
+"""The report of a sampled posterior, and its table."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from ident.identify.fit import CampaignFit
 
 LEAST_BELOW = 0.005
-"""Share of the simulated values on either side of a measured one below which that lies outside the prediction."""
+"""Share of simulated values on one side of a measured value below which it lies outside the prediction."""
 
 
 def sample_sections(result: "CampaignSample") -> Report:
-    """Return all that is said of a posterior."""
+    """Return the report of a posterior."""
     fit = result.fitted
     conflict = contradiction(fit.cross_predictions, fit.campaign)
     steps, ensembles, walkers, _ = result.sample.theta.shape
@@ -59,13 +59,13 @@ def sample_sections(result: "CampaignSample") -> Report:
 
 
 def _main(result: "CampaignSample") -> list[int]:
-    """Return the places of what the first screen shows: the unknowns and the noise scales."""
+    """Return the indices of the first screen: the unknowns and the noise scales."""
     count = len(result.fitted.problem.parameters.items)
     return [*unknown_places(result.fitted), *range(count, len(result.sample.posterior.parameters.items))]
 
 
 def _mostly_prior(result: "CampaignSample") -> list[int]:
-    """Return the places of the unknowns of which little is known beyond the prior."""
+    """Return the indices of the unknowns that the data hardly narrow beyond the prior."""
     share = share_of_prior(result.sample, result.sample.basins[0])
     return [i for i in unknown_places(result.fitted) if share[i] > LEARNED]
 
@@ -74,7 +74,7 @@ def _mostly_prior(result: "CampaignSample") -> list[int]:
 
 
 def _verdict(result: "CampaignSample") -> Verdict:
-    """Judge a posterior: NOT USABLE as its fit, TOO SHORT, DOUBTFUL, SEVERAL OPTIMA, PARTLY or GOOD."""
+    """Judge a posterior: NOT USABLE like its fit, TOO SHORT, DOUBTFUL, SEVERAL OPTIMA, PARTLY or GOOD."""
     sample, fit, short = result.sample, result.fitted, _shortfall(result)
     refusal = refused(fit)
     if refusal and not sample.posterior.noise.items:
@@ -115,7 +115,7 @@ def _more_steps(result: "CampaignSample") -> int:
 
 
 def _shortfall(result: "CampaignSample") -> str:
-    """Say in what the chains miss their criterion, and how many steps are missing; nothing where they meet it."""
+    """Say which criterion the chains miss, and how many steps are missing; empty if they meet it."""
     target, chains = result.sample.settings.target_ess, _short_chains(result)
     if not chains:
         return ""
@@ -143,7 +143,7 @@ def _next(result: "CampaignSample") -> str:
 
 
 def _findings(result: "CampaignSample") -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
+    """Yield the findings that affect the verdict, most important first."""
     fit, names = result.fitted, result.sample.posterior.parameters.names
     if result.withheld:
         yield from what_to_do(fit)
@@ -158,7 +158,7 @@ def _findings(result: "CampaignSample") -> Iterator[Finding]:
 
 
 def what_to_do(fit: "CampaignFit") -> Iterator[Finding]:
-    """Yield what to do about a posterior whose fit is in doubt."""
+    """Yield what to do about a posterior with a doubtful fit."""
     yield Finding("a row, label, unit or mass may be wrong", "check the candidates that `ident fit` names")
     kinds = [cross for cross in contradicting(fit.cross_predictions) if (cross.measured * cross.predicted > 0).all()]
     remedy = "infer a common factor of a kind (`--discrepancy KIND:WIDTH`) or its error (`--noise KIND`)"
@@ -172,7 +172,7 @@ def what_to_do(fit: "CampaignFit") -> Iterator[Finding]:
 
 
 def _below(result: "CampaignSample") -> np.ndarray:
-    """Return of each measurement the share of the simulated values that are less."""
+    """Return for each measurement the share of smaller simulated values."""
     simulated = result.posterior_predictive.simulated
     return (simulated < np.array([m.value for m in result.fitted.campaign])).mean(0)
 
@@ -182,7 +182,7 @@ def _outside(below: np.ndarray) -> np.ndarray:
 
 
 def _farthest(result: "CampaignSample") -> str:
-    """Name the measurement that lies farthest out in what the posterior predicts."""
+    """Name the measurement farthest out in the posterior's prediction."""
     below = _below(result)
     out, i = _outside(below), int(np.argmax(np.abs(below - 0.5)))
     row = row_names(result.fitted.campaign)[i]
@@ -195,7 +195,7 @@ def _farthest(result: "CampaignSample") -> str:
 
 
 def _values(result: "CampaignSample", basin: int, places: Sequence[int]) -> Table:
-    """Return unknowns about one optimum: median, interval, the fit's and the arm file's value, share of the prior."""
+    """Return unknowns about one optimum: median, interval, values of fit and arm file, share of the prior."""
     sample = result.sample
     items = sample.posterior.parameters.items
     fitted = [*result.fitted.optima[basin].values, *(1.0 for _ in sample.posterior.noise.items)]
@@ -220,12 +220,12 @@ def _values(result: "CampaignSample", basin: int, places: Sequence[int]) -> Tabl
 
 
 def of_first(result: "CampaignSample") -> str:
-    """Say about which optimum it is, where there are several."""
+    """Name the optimum, if there are several."""
     return f" about optimum {result.sample.basins[0] + 1}" if len(result.sample.basins) > 1 else ""
 
 
 def _further_values(result: "CampaignSample") -> Section:
-    """Return the values that the first screen does not show, and the priors."""
+    """Return the values that are not on the first screen, and the priors."""
     items = result.sample.posterior.parameters.items
     shown = [i for i, item in enumerate(items) if not item.name.startswith(SETUP)]
     first, *others = result.sample.basins
@@ -250,7 +250,7 @@ def _combinations(result: "CampaignSample") -> Iterator[Section]:
 
 
 def _measurements(result: "CampaignSample") -> Section:
-    """Return each measurement next to what the posterior predicts."""
+    """Return each measurement next to the posterior's prediction."""
     below = _below(result)
     out, rows, names = _outside(below), [], row_names(result.fitted.campaign)
     for i, m in enumerate(result.fitted.campaign):
@@ -282,7 +282,7 @@ def _optima(result: "CampaignSample") -> Iterator[Section]:
 
 
 def _chains(result: "CampaignSample") -> Section:
-    """Return how far the chains can be trusted, and how the uncertain numbers were treated."""
+    """Return how far to trust the chains, and how the uncertain numbers were treated."""
     sample = result.sample
     rows = []
     for basin, each in zip(sample.basins, sample.diagnosis, strict=True):
@@ -310,7 +310,7 @@ def _chains(result: "CampaignSample") -> Section:
 
 
 def sample_rows(result: "CampaignSample") -> list[dict[str, Any]]:
-    """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
+    """Return a row for each unknown about each optimum: median, intervals [SI], and diagnostics."""
     sample, names = result.sample, result.sample.posterior.parameters.names
     rows = list[dict[str, Any]]()
     for basin, chains in zip(sample.basins, sample.diagnosis, strict=True):

@@ -1,4 +1,4 @@
-"""Say how far a fitted arm may be trusted where it was not measured."""
+"""Report how far to trust a fitted arm in postures that were not measured."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ValidateOptions(FitOptions):
-    """Options of `ident.validate`: those of the fit, and what is left out at a time."""
+    """Options of `ident.validate`: those of the fit, and the part to leave out."""
 
     refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
 
@@ -31,16 +31,16 @@ class ValidateOptions(FitOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ValidateResult(Result):
-    """How well a fit predicts what it has not seen.
+    """Prediction errors of a fit for parts of the campaign that were left out.
 
-    Its table has a row for each measurement: value, prediction from the others, standard deviation [SI], and error
-    in these. Its figure compares predicted and observed quantiles, and shows what each part is off.
+    The table has a row for each measurement: value, prediction from the others, standard deviation [SI], and error in
+    standard deviations. The figure compares predicted and observed quantiles, and shows the error of each part.
 
     Attributes:
-        arm: the arm as its file has it.
-        validation: the fit, and the parts that were left out with their predictions.
-        options: what was asked for.
-        short: whether the fit to all is no optimum.
+        arm: the arm as in its file.
+        validation: the fit, and the left-out parts with their predictions.
+        options: the options of the call.
+        short: whether the fit to all data is not an optimum.
     """
 
     arm: "ArmFile"
@@ -57,12 +57,12 @@ class ValidateResult(Result):
 
     @property
     def scopes(self) -> "Mapping[str, Scope]":
-        """How well each kind of measurement is predicted where it was not measured [-]."""
+        """Prediction error of each kind of measurement where it was not measured [-]."""
         return {scope.kind: scope for scope in self.validation.scopes}
 
     @property
     def doubtful(self) -> bool:
-        """Whether a part lies too far from its prediction, or the fit to all is in doubt."""
+        """Whether a part lies too far from its prediction, or the fit to all data is in doubt."""
         return bool(self.validation.missed or self.validation.fit.doubts)
 
 
@@ -74,18 +74,18 @@ def validate(
     *,
     progress: Progress = silent,
 ) -> ValidateResult:
-    """Say how far a fitted arm may be trusted where it was not measured.
+    """Report how far to trust a fitted arm in postures that were not measured.
 
-    Each part of the campaign is left out in turn, the arm is fitted to the rest, and what was left out is predicted.
+    Leave out each part of the campaign in turn, fit the arm to the rest, and predict the left-out part.
 
     Args:
         arm: the arm.
         campaign: the measurements.
-        options: those of the fit, and what is left out at a time.
-        progress: shows how far it is, over the starts of the fit and then over the parts.
+        options: those of the fit, and the part to leave out.
+        progress: shows progress over the starts of the fit and then over the parts.
 
     Raises:
-        InputError: see `fit`, and a campaign of fewer than two such parts.
+        InputError: see `fit`, and a campaign of fewer than two parts.
         ModelError: no optimum was reached.
     """
     from ident.identify.compare import validate_fit

@@ -1,4 +1,4 @@
-"""Postures predicted from the others against what was measured there."""
+"""Measured values of each posture against predictions from the other postures."""
 
 from typing import TYPE_CHECKING
 
@@ -23,11 +23,11 @@ from ident.studies.stiffness.fit_figure import LETTER
 if TYPE_CHECKING:
     from ident.identify.compare import Validation
 MOST, PART = 60, 44
-"""Measurements that are drawn as rows, of more those that are farthest off; and letters of a part's name."""
+"""Largest number of rows; of more measurements those with the largest errors. Longest name of a part [characters]."""
 
 
 def validate_figure(validation: "Validation") -> Figure:
-    """Draw how far each measurement lies from its prediction, in standard errors of that."""
+    """Draw the distance of each measurement from its prediction, in standard errors of the prediction."""
     told = validation.told
     count = sum(len(part.places) for part in told)
     height = max(3.6, 0.24 * min(count, MOST) + 1.8)
@@ -47,7 +47,7 @@ def validate_figure(validation: "Validation") -> Figure:
 
 
 def _off(axes: Axes, validation: "Validation") -> None:
-    """Draw a row for each measurement, part by part; of many, those that are farthest off."""
+    """Draw a row for each measurement, part by part; of many, those with the largest errors."""
     campaign, missed = validation.fit.campaign.measurements, {part.name for part in validation.missed}
     every = [(part, campaign[place]) for part in validation.told for place in part.places]
     shown = np.sort(np.argsort(-np.abs(validation.z))[:MOST]).tolist()

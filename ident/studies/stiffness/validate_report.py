@@ -1,4 +1,4 @@
-"""A cross-validation: what is said of it, and its rows for programs."""
+"""The report of a cross-validation, and its table."""
 
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from ident.inference.scrutiny import HeldOut
 
 PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
-"""What is left out at a time, in words."""
+"""The left-out parts, in words."""
 SMALL = 0.1
-"""Share of the largest value of a kind below which a percentage of a value says nothing."""
+"""Share of the largest value of a kind below which a percentage is meaningless."""
 FEW, ROWS = 6, 8
-"""Parts on the first screen, at most, and rows where a part has several."""
+"""Largest number of parts on the first screen, and of rows where a part has several."""
 
 
 def validate_sections(validation: "Validation") -> Report:
-    """Return all that is said of a validation."""
+    """Return the report of a validation."""
     fit, absolute = validation.fit, _absolute_kinds(validation)
     following = "ident fit" if validation.missed or fit.doubts else "ident sample" if validation.told else "ident plan"
     return Report(
@@ -38,7 +38,7 @@ def validate_sections(validation: "Validation") -> Report:
 
 
 def _ratios(validation: "Validation") -> Iterator[str]:
-    """Yield how well the law of damping predicts ratios from those of other parts; it is no part of the verdict."""
+    """Yield how well the damping law predicts ratios from other parts; the verdict does not depend on it."""
     measured, predicted, off = validation.ratios.T
     if len(off):
         inside = f"{(np.abs(off) < half_width(0.95)).sum()} of {len(off)}"
@@ -47,7 +47,7 @@ def _ratios(validation: "Validation") -> Iterator[str]:
 
 
 def _verdict(validation: "Validation") -> Verdict:
-    """Judge a model by what it predicts: VALID, PARTLY where parts are not predicted, NOT VALID, NOT TESTED."""
+    """Judge a model by its predictions: VALID, PARTLY where it fails for some parts, NOT VALID, NOT TESTED."""
     fit, parts, told = validation.fit, validation.parts, validation.told
     if not told:
         needed = "the stiffnesses, or the hysteresis loops" if fit.loops else "the stiffnesses"
@@ -67,14 +67,14 @@ def _verdict(validation: "Validation") -> Verdict:
 
 
 def _absolute_kinds(validation: "Validation") -> set[str]:
-    """Return the kinds that have a value near zero, of which no percentage is given."""
+    """Return the kinds with a value near zero, which have no percentages."""
     campaign = validation.fit.campaign
     sizes = {kind: [abs(m.value) for m in campaign if m.kind == kind] for kind in {m.kind for m in campaign}}
     return {kind for kind, sizes in sizes.items() if kind != "frequency" and min(sizes) <= SMALL * max(sizes)}
 
 
 def scope_table(validation: "Validation") -> tuple[Table, ...]:
-    """Return how far measurements of each kind will lie from their prediction; nothing where none was predicted."""
+    """Return the expected prediction error of each kind; empty if none was predicted."""
     absolute = _absolute_kinds(validation)
     rows = []
     for kind in dict.fromkeys(m.kind for m in validation.fit.campaign):
@@ -86,7 +86,7 @@ def scope_table(validation: "Validation") -> tuple[Table, ...]:
 
 
 def _size(kind: str, absolute: Collection[str], size: float) -> str:
-    """Write an error: in percent of the measured value, or in the unit of a kind that has values near zero."""
+    """Write an error: in percent of the measured value, or in units for a kind with values near zero."""
     if kind not in absolute:
         return percent(size)
     number, unit = in_read_unit(kind, size)
@@ -94,7 +94,7 @@ def _size(kind: str, absolute: Collection[str], size: float) -> str:
 
 
 def _parts_table(validation: "Validation", absolute: Collection[str], *, few: bool = False) -> Table:
-    """Return each part with its errors; on the first screen those that are farthest off."""
+    """Return each part with its errors; on the first screen those with the largest errors."""
     missed = {part.name for part in validation.missed}
     parts, caption = validation.parts, ""
     most = max(1, ROWS // (1 + len(absolute))) if absolute else FEW
@@ -109,7 +109,7 @@ def _parts_table(validation: "Validation", absolute: Collection[str], *, few: bo
 def _part_rows(
     validation: "Validation", part: "HeldOut", absolute: Collection[str], is_missed: bool
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield the relative errors of a part, and the absolute ones of each kind that has values near zero."""
+    """Yield the relative errors of a part, and absolute errors for each kind with values near zero."""
     if not part.told:
         why = "not determined by the rest" if part.ended else "no optimum without it"
         yield cut(part.name, 40), str(len(part.places)), "-", "-", "-", None, why
@@ -132,7 +132,7 @@ def _part_rows(
 
 
 def _findings(validation: "Validation") -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
+    """Yield the findings that affect the verdict, most important first."""
     fit, parts = validation.fit, validation.parts
     if validation.missed and fit.doubts:
         yield Finding(" ".join(map(sentence, fit.doubts)), "see `ident fit`")
@@ -182,7 +182,7 @@ def _details(validation: "Validation", absolute: Collection[str]) -> Iterator[Se
 
 
 def validate_rows(validation: "Validation") -> list[dict[str, Any]]:
-    """Return a row for each measurement: the part it belongs to, value, prediction and standard deviation [SI]."""
+    """Return a row for each measurement: its part, value, prediction and standard deviation [SI]."""
     campaign = validation.fit.campaign.measurements
     return [
         {"part": part.name, "row": int(place) + 1, "kind": campaign[place].kind, "measured": float(part.measured[i])}

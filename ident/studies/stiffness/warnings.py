@@ -1,4 +1,4 @@
-"""What several reports say of a fit: agreement of kinds, assumptions, possible causes, hysteresis, odd numbers."""
+"""Sections of several reports on a fit: agreement of kinds, assumptions, possible causes, hysteresis, odd numbers."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -41,12 +41,12 @@ from ident.report.words import (
 
 
 def agreement(predictions: Sequence[CrossPrediction], campaign: Campaign, note: str = "") -> Section:
-    """Return of each kind how far it is off the others and the prior, and of a small kind each value as well.
+    """Return how far each kind is from the prediction by the others and the prior; each value of a small kind too.
 
     Args:
-        predictions: of each kind; none of one kind alone.
+        predictions: of each kind; empty for a single kind.
         campaign: the measurements.
-        note: what else to know.
+        note: a further remark.
     """
     sizes, measured, kinds = [len(places) for places, _ in campaign.correlated], campaign.measurements, []
     for cross in predictions:
@@ -78,12 +78,12 @@ def kinds_agree(predictions: Sequence[CrossPrediction]) -> str:
 
 
 def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, float, str]:
-    """Return what the other kinds predict for the i-th value of a small kind, what was measured, and the unit."""
+    """Return the prediction for the i-th value of a small kind by the other kinds, the measured value, and the unit."""
     return (in_read_unit(m.kind, cross.predicted[i])[0], *in_read_unit(m.kind, cross.measured[i]))
 
 
 def contradiction(predictions: Sequence[CrossPrediction], campaign: Campaign) -> tuple[str, ...]:
-    """Say in a sentence which value of a small kind is farthest from what the other kinds predict; nothing for none."""
+    """Say which value of a small kind is farthest from the other kinds' prediction; empty without a contradiction."""
     few = (cross for cross in contradicting(predictions) if len(cross.rows) <= FEW)
     small = [(np.abs(cross.z), cross) for cross in few if cross.z is not None]
     if not small:
@@ -98,7 +98,7 @@ def contradiction(predictions: Sequence[CrossPrediction], campaign: Campaign) ->
 
 
 def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
-    """Say in a word whether a contradiction would stand with wider priors."""
+    """Say in one word whether a contradiction would persist with wider priors."""
     worst = min(contradicting(predictions), key=lambda cross: cross.p_value)
     word = "hardly depends on" if worst.wider < RARE else "rests on"
     wider = f"{sigma_in_words(standard_deviations(worst.wider))} with priors twice as wide"
@@ -106,10 +106,10 @@ def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
 
 
 def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
-    """Say where to look when deflections and frequencies contradict each other; nothing for other kinds.
+    """Say where to look when deflections and frequencies contradict each other; empty for other kinds.
 
-    A mass on a spring deflects by g / omega^2, whatever the spring; a chain adds a factor that masses and lengths give.
-    A spring that hardens vibrates about its loaded state: tangent above secant, so that omega^2 times deflection grows.
+    A mass on a spring deflects by g / omega^2, for any stiffness; a chain adds a factor of its masses and lengths.
+    A hardening spring vibrates about its loaded state: tangent above secant, so that omega^2 times deflection grows.
     """
     kinds = {cross.kind: cross for cross in predictions}
     if not {"frequency", "deflection"} <= set(kinds) or not contradicting(predictions):
@@ -130,14 +130,14 @@ def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
 
 
 def odd_numbers(arm: Arm, unknowns: Parameters | None = None) -> tuple[Finding, ...]:
-    """Return the numbers of an arm that look wrong: a wrong arm file is the commonest cause of a wrong stiffness."""
+    """Return implausible numbers of an arm: a wrong arm file is the commonest cause of a wrong stiffness."""
     odd = oddities(arm, free=None if unknowns is None else unknowns.paths)
     more = [f"{len(odd) - MOST_ROWS} more numbers look wrong"] if len(odd) > MOST_ROWS else []
     return tuple(Finding(f"arm file: {each}", "correct it, see `ident show`") for each in (*odd[:MOST_ROWS], *more))
 
 
 def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
-    """Warn of rows measured with a servo on, where the arm file describes no servo."""
+    """Warn of rows measured with the servo on, if the arm file describes no servo."""
     own = [name for name, m in zip(row_names(campaign), campaign, strict=True) if m.drives == "servo"]
     if arm.servos or not own:
         return ()
@@ -149,24 +149,24 @@ def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
 
 
 # -------- Assumptions
-# What a fit assumes, and what that may do to its values.
+# The assumptions of a fit, and how far they may shift its values.
 
 TITLE = "Sensitivity to modelling assumptions"
 GIVING = {
     **dict.fromkeys(("base rocks", "base turns"), "the base is rigid"),
     **dict.fromkeys(("link bends", "link twists"), "the links are rigid"),
 }
-"""What a fit assumes of base and links, by the kind of compliance that it leaves out."""
+"""Rigid base and links that a fit assumes, by the kind of neglected compliance."""
 SOFT = {"gives": "is soft"}
-"""How reports call what a servo does that is compliant."""
+"""Words of the report for a compliant servo."""
 UNTESTABLE = "cannot be tested"
-"""Evidence on an assumption whose violation other values of the unknowns would hide."""
+"""Evidence on an assumption whose violation is hidden by other values of the unknowns."""
 LEAST_SHIFT = 1.0
-"""Shift, in standard errors, from which an assumption weighs more than the noise."""
+"""Shift, in standard errors, from which an assumption matters more than the noise."""
 
 
 def assumption_section(fit: CampaignFit) -> Section:
-    """Return of each kind of assumption how far it may move a value, and what evidence the data have against it."""
+    """Return how far each kind of assumption may shift a value, and the evidence against it in the data."""
     found = fit.assumptions
     if found is None:
         return Section(TITLE, ("Not tested, as the search has not ended in an optimum.",))
@@ -177,7 +177,7 @@ def assumption_section(fit: CampaignFit) -> Section:
 
 
 def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
-    """Return a table of the assumptions that move a reported value by more than its standard error, or nothing."""
+    """Return a table of the assumptions that shift a reported value by more than its standard error, or nothing."""
     found = fit.assumptions
     if found is None or fit.doubts:
         return ()
@@ -187,7 +187,7 @@ def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
             _, which, moved = _most_moved(fit, items)
             if moved >= LEAST_SHIFT and fit.supported[which]:
                 heavy.append((moved, _assumption_row(fit, items, in_errors=False)))
-    heavy.sort(key=lambda pair: (pair[1][-1] != UNTESTABLE, -pair[0]))  # what no data test weighs most
+    heavy.sort(key=lambda pair: (pair[1][-1] != UNTESTABLE, -pair[0]))  # untestable assumptions first
     rows = [(what, size, of, shift, evidence) for _, (what, size, shift, of, evidence) in heavy[:MOST_ROWS]]
     note = f"{len(heavy) - len(rows)} more: --details" if len(heavy) > len(rows) else ""
     heads = "Not modelled, if present", "assumed size", "would shift", "by", "evidence in the data"
@@ -195,13 +195,13 @@ def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
 
 
 def good_if(fit: CampaignFit) -> str:
-    """Return GOOD, with the rigid parts that no data test, and without which a value moves by more than its error."""
+    """Return GOOD, and the untested rigid parts whose compliance would shift a value by more than its error."""
     rigid = " and ".join(_untested(fit))
     return f"GOOD if {rigid}" if rigid else "GOOD"
 
 
 def untested(fit: CampaignFit) -> Iterator[Finding]:
-    """Yield for each of those parts what it may do to the value that it moves most, and how to find out."""
+    """Yield for each of those parts how far it may shift the most affected value, and how to find out."""
     for assumed, (item, which) in _untested(fit).items():
         moved = f"{fit.information.names[which]} {_move(fit, item, which, in_errors=False)}"
         remedy = "measure the foot's motion" if item.kind.startswith("base") else CHECKS[item.kind]
@@ -209,7 +209,7 @@ def untested(fit: CampaignFit) -> Iterator[Finding]:
 
 
 def _untested(fit: CampaignFit) -> dict[str, tuple[Assumption, int]]:
-    """Return the compliance that moves a value most, and which value, by the rigid part that it belongs to."""
+    """Return by rigid part the compliance that shifts a value most, and that value."""
     items = [each for each in (fit.assumptions.items if fit.assumptions else ()) if each.kind in GIVING]
     rigid = by_key((GIVING[each.kind], each) for each in items if each.test.seen and not each.test.separable)
     worst = {assumed: _most_moved(fit, own) for assumed, own in rigid.items()}
@@ -217,7 +217,7 @@ def _untested(fit: CampaignFit) -> dict[str, tuple[Assumption, int]]:
 
 
 def asked_for(fit: CampaignFit) -> Finding | None:
-    """Return the assumption that the data contradict most, with what to do; None where they contradict none."""
+    """Return the assumption that the data contradict most, with what to do; None without a contradiction."""
     found = fit.assumptions
     if found is None or not found.asked_for:
         return None
@@ -239,7 +239,7 @@ def in_words(item: Assumption) -> str:
 
 
 def _most_moved(fit: CampaignFit, items: Sequence[Assumption]) -> tuple[Assumption, int, float]:
-    """Return the assumption of a kind that moves a value most, which one, and by how many standard errors."""
+    """Return the assumption of a kind that shifts a value most, that value, and the shift in standard errors."""
     known = fit.information
     own = ~fit.problem.parameters.nuisance
     counted = known.supported & own if (known.supported & own).any() else own
@@ -249,7 +249,7 @@ def _most_moved(fit: CampaignFit, items: Sequence[Assumption]) -> tuple[Assumpti
 
 
 def _assumption_row(fit: CampaignFit, items: tuple[Assumption, ...], *, in_errors: bool = True) -> tuple[Cell, ...]:
-    """Return a kind by one joint: that which the data ask for, or else that which moves a value most."""
+    """Return a kind by one joint: the one that the data call for, else the one that shifts a value most."""
     asked = [item for item in (fit.assumptions.asked_for if fit.assumptions else ()) if item in items]
     item, which, moved = _most_moved(fit, asked[:1] or items)
     shift, name = _move(fit, item, which, in_errors=in_errors), cut(fit.information.names[which], 22)
@@ -260,7 +260,7 @@ def _assumption_row(fit: CampaignFit, items: tuple[Assumption, ...], *, in_error
 
 
 def _move(fit: CampaignFit, item: Assumption, which: int, *, in_errors: bool) -> str:
-    """Write how far a value would move: in percent or its unit, or in standard errors if it has an interval."""
+    """Write the shift of a value: in percent or its unit, or in standard errors if it has an interval."""
     shift, parameter = item.test.shift[which], fit.problem.parameters.items[which]
     if in_errors and fit.supported[which]:
         return f"{shift / fit.information.sd[which]:+.1f} std. errors"
@@ -268,14 +268,14 @@ def _move(fit: CampaignFit, item: Assumption, which: int, *, in_errors: bool) ->
 
 
 def _evidence(item: Assumption, *, asked: bool) -> str:
-    """Say what the data say against an assumption."""
+    """Write the evidence in the data against an assumption."""
     if not item.test.separable:
         return UNTESTABLE if item.test.seen else "does not affect these data"
     return f"{'YES' if asked else 'no sign'} (z = {item.test.z:.1f})"
 
 
 def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iterator[str]:
-    """Say what each assumed error is a share of, and where it comes from."""
+    """Yield what each assumed error is a share of, and its source."""
     of = by_key((KINDS[kind].of, kind) for kind in kinds)
     shares = "; ".join(f"{', '.join(each)}: {share}" for share, each in of.items()).replace("gives", "is soft")
     origins = "; ".join(dict.fromkeys(part for kind in kinds for part in KINDS[kind].origin.split("; ")))
@@ -289,14 +289,14 @@ def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iter
 
 
 # -------- Explanations
-# What would reconcile data that are in doubt.
+# Possible causes of doubtful data.
 
 LISTED = 10
 """Explanations that are listed at most."""
 LEADING = 3
-"""Explanations on the first screen, and those that are listed where none fits."""
+"""Explanations on the first screen, and the number listed if none fits."""
 ROWS = 6
-"""Rows that one names, at most."""
+"""Rows that an explanation names, at most."""
 CHECKS = {
     "mass": "weigh it",
     "payload": "weigh it",
@@ -318,7 +318,7 @@ CHECKS = {
 
 
 def leading_explanations(found: Explanations | None, campaign: Campaign) -> tuple[Table, ...]:
-    """Return the most probable causes with what to check, and what to measure to tell them apart; maybe nothing."""
+    """Return the most probable causes with their checks, and measurements to tell them apart; maybe nothing."""
     if found is None or not found.fitting:
         return ()
     leading = found.fitting[:LEADING]
@@ -330,7 +330,7 @@ def leading_explanations(found: Explanations | None, campaign: Campaign) -> tupl
 
 
 def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple[Section, ...]:
-    """Return what would reconcile a campaign, most probable first, and what would tell the leading causes apart."""
+    """Return possible causes, most probable first, and measurements that tell the leading ones apart."""
     if found is None:
         return ()
     labels = f", and {three_digits(found.said)} for the labels" if found.said > MARGIN else ""
@@ -359,7 +359,7 @@ def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple
 
 
 def _check(item: Explanation, campaign: Campaign) -> str:
-    """Say what to do about a cause: labels are swapped back, or the shapes looked at; values are measured again."""
+    """Return the check of a cause: swap labels back or look at the shapes; repeat measurements."""
     first = item.changes[0]
     values = first.kind == "exchange" and _swapped(first, campaign) == "values"
     return "swap them, or measure both again" if values else CHECKS[first.kind]
@@ -374,7 +374,7 @@ def _causes(item: Explanation, campaign: Campaign) -> str:
 
 
 def _words(change: Change, campaign: Campaign) -> str:
-    """Say what would have to be otherwise, and by how much."""
+    """Write the change that a cause assumes, and its size."""
     names, of = row_names(campaign), cut(change.of, 24)
     rows = f"row{'s' * (len(change.rows) > 1)} {some([names[i] for i in change.rows], ROWS)}"
     rows = "all rows" if len(change.rows) == len(campaign) else rows
@@ -409,13 +409,13 @@ def _words(change: Change, campaign: Campaign) -> str:
 
 
 def _to_its_sd(value: float, sd: float) -> str:
-    """Write a value with as many digits as two of its standard deviation bear: `30.6 +- 3.0`."""
+    """Write a value with as many digits as two of its standard deviation support: `30.6 +- 3.0`."""
     decimals = max(1 - math.floor(math.log10(sd)), 0) if 0 < sd < math.inf else 3
     return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
 
 
 def _quantity(m: Measurement) -> str:
-    """Name what a row measured without its posture and load, which its number tells."""
+    """Name the quantity of a row, without posture and load, which its number identifies."""
     if m.kind == "frequency":
         return m.mode or "the frequency"
     return f"the {m.kind.replace('_', ' ')} of {m.mode or m.point or m.joint or 'the arm'}"
@@ -430,11 +430,11 @@ def _amount(change: Change) -> str:
 
 
 def discriminating(found: Sequence[Telling], leading: int) -> tuple[Table, ...]:
-    """Return what to measure to tell causes apart, with what each predicts; nothing where nothing would.
+    """Return measurements that tell causes apart, with the prediction of each cause; empty if none does.
 
     Args:
         found: the measurements.
-        leading: how many causes are shown.
+        leading: number of causes shown.
     """
     if not found:
         return ()
@@ -454,18 +454,18 @@ def discriminating(found: Sequence[Telling], leading: int) -> tuple[Table, ...]:
 
 
 def _tells_all(each: Telling, leading: int) -> bool:
-    """Tell whether a measurement separates every two of the causes that are shown."""
+    """Whether a measurement separates every pair of the causes shown."""
     shown = [(x, sd) for number, x, sd in zip(each.numbers, each.predicted, each.sd, strict=True) if number <= leading]
     sigma, pairs = each.measurement.sigma, combinations(shown, 2)
     return all(abs(x - other) >= APART * math.hypot(sd, of_other, sigma) for (x, sd), (other, of_other) in pairs)
 
 
 # -------- Hysteresis
-# Ramps of loads and the widths of their hysteresis loops.
+# Load ramps and the widths of their hysteresis loops.
 
 
 def hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Section, ...]:
-    """Return for each ramp of loads how wide its hysteresis loop is, or how well a fit will know that before it."""
+    """Return the width of the hysteresis loop of each load ramp, or, before a fit, how well the fit will know it."""
     if not ramps:
         return ()
     rows = []

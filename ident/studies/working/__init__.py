@@ -1,1 +1,1 @@
-"""The arm at work: how it vibrates along a motion, and where drives excite its modes."""
+"""The arm at work: its vibration along a motion, and where drives excite its modes."""

@@ -1,4 +1,4 @@
-"""What the studies share that compute amplitudes again and again: how they are measured, and what computes them."""
+"""Shared by the studies that compute amplitudes repeatedly: the measure of amplitude, and the evaluator."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class AmplitudeOptions(HeldMotionOptions):
-    """The same, and how the amplitude of the vibration is measured."""
+    """Options of a held motion, and the measure of the vibration's amplitude."""
 
     measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
     limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
@@ -28,10 +28,10 @@ class AmplitudeOptions(HeldMotionOptions):
         return None if self.limit is None else self.limit / 1e3
 
     def evaluator(self, basis: "Basis", variables: "Iterable[Variable]" = ()) -> "Evaluator":
-        """Return what simulates an arm and its draws again and again, by the fast method.
+        """Return the evaluator that simulates an arm and its draws repeatedly, by the fast method.
 
         Raises:
-            InputError: a belt that stretches goes slack with the arm as it is.
+            InputError: an elastic belt of the present arm goes slack.
         """
         from ident.vibrate.evaluator import Evaluator
         from ident.vibrate.response import refuse_slack

@@ -1,4 +1,4 @@
-"""The arm along its motion: outlines at several times, and a moving picture."""
+"""The arm along its motion: outlines at several times, and an animation."""
 
 from typing import TYPE_CHECKING
 
@@ -22,11 +22,11 @@ WIDTH = 8.0
 
 
 def path_figure(response: "Response", shown: "Outline") -> Figure:
-    """Draw the way of the end point, its vibration made larger, and the arm at some moments, in two views.
+    """Draw the path of the end point with its vibration exaggerated, and the arm at some times, in two views.
 
     Args:
         response: of one set.
-        shown: the arm at the moments to draw; the factor is taken from it.
+        shown: the arm at the times to draw; it has the factor of exaggeration.
     """
     path = np.asarray(response.path + response.displacement - response.vibration)
     way = path + shown.factor * np.asarray(response.vibration)
@@ -47,15 +47,15 @@ def path_figure(response: "Response", shown: "Outline") -> Figure:
 
 
 def motion_animation(response: "Response", shown: "Outline", *, fps: float = 10.0, dpi: float = 64.0) -> FuncAnimation:
-    """Return the moving, vibrating arm as an animation in two views, one picture for each moment of the outline.
+    """Return an animation of the moving, vibrating arm in two views, one frame for each time of the outline.
 
-    The title tells how much slower than the arm the pictures follow each other.
+    The title says how much slower than the arm the animation is.
 
     Args:
-        response: of one set, for the name of its motion and for the vibration that is written.
+        response: of one set, for the name of its motion and its vibration.
         shown: the arm at equally spaced moments.
-        fps: pictures a second.
-        dpi: pixels an inch; at 64 a picture takes some 20 kB.
+        fps: frames per second.
+        dpi: pixels per inch; at 64 a frame takes about 20 kB.
     """
     figure, panels = _panels(np.concatenate([shown.rest.reshape(3, -1), shown.drawn.reshape(3, -1)], 1))
     figure.set_dpi(dpi)
@@ -90,7 +90,7 @@ def motion_animation(response: "Response", shown: "Outline", *, fps: float = 10.
 
 
 def _panels(points: Float[np.ndarray, "3 n"]) -> tuple[Figure, np.ndarray]:
-    """Return a panel for each view, high enough for these points [m]."""
+    """Return a panel for each view, tall enough for these points [m]."""
     low, high = points.min(1), points.max(1)
     pad = 0.04 * float((high - low).max())
     low, high = low - pad, high + pad

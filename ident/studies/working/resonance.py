@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ResonanceOptions(MovingOptions):
-    """Options of `ident.resonance`: the motion, which modes are followed, and what counts as near."""
+    """Options of `ident.resonance`: the motion, the number of modes, and the margin."""
 
     draws: int = option(200, "draws of the posterior", low=1, high=100_000)
     seed: int | None = seed_of_draws()
@@ -34,24 +34,24 @@ class ResonanceOptions(MovingOptions):
     margin: float = option(10.0, "percent of a natural frequency that count as near", above=0.0)
 
     def problems(self) -> list[Problem]:
-        """Refuse a margin that reaches down to zero."""
+        """Refuse a margin that reaches down to zero frequency."""
         wide = Problem("margin", f"{self.margin:g}", "a number below 100", "10 is 10 % of the frequency")
         return [*super().problems(), *([wide] if self.margin >= 100 else [])]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ResonanceResult(Result):
-    """A Campbell diagram: natural frequencies along a motion against the frequencies at which pulleys turn.
+    """A Campbell diagram: natural frequencies along a motion against the rotation frequencies of the pulleys.
 
-    Its table has a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], vibration [m]. Its figure
+    The table has a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], vibration [m]. The figure
     is the Campbell diagram over time, with the crossings numbered as in the report.
 
     Attributes:
-        basis: arm and motion, and where their numbers come from.
+        basis: arm and motion, and the sources of their numbers.
         branches: natural frequencies of the arm held along the motion.
         excitation: frequencies of the pulleys at the same times.
-        crossings: where both are near, what causes most vibration first.
-        options: what was asked for.
+        crossings: where both are near, the cause of most vibration first.
+        options: the options of the call.
     """
 
     basis: "Basis"
@@ -69,7 +69,7 @@ class ResonanceResult(Result):
 
     @property
     def title(self) -> str:
-        """Which arm makes which motion."""
+        """Name of the arm and its motion."""
         return f"{self.basis.arm_file.arm.name}, {self.basis.motion.name}"
 
 
@@ -86,14 +86,14 @@ def resonance(
 
     Args:
         arm: the arm.
-        options: motion and load, which modes are followed, and what counts as near.
+        options: motion and load, number of modes, and the margin.
         path: a joint path to follow instead of the stroke: a log, or its file.
-        fit: fitted values that the arm takes over: a result, or its file.
-        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
-            unless it has fitted values.
+        fit: fitted values for the arm: a result, or its file.
+        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes their medians unless it
+            has fitted values.
 
     Raises:
-        InputError: options that do not go together, a file that does not fit the arm, an arm without drives.
+        InputError: contradictory options, a file that does not match the arm, an arm without drives.
         ModelError: the arm has no stable equilibrium at some posture.
     """
     from ident.vibrate.branches import branches

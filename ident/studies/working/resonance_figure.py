@@ -1,4 +1,4 @@
-"""The Campbell diagram: natural frequencies along a motion against the frequencies at which pulleys turn."""
+"""The Campbell diagram: natural frequencies along a motion against the rotation frequencies of the pulleys."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -21,9 +21,9 @@ from ident.vibrate.resonance import Excitation, ResonanceCrossing
 SIZE = (9.0, 6.6)
 """Width and height [inch]."""
 SHADE = "#EBCB6B"
-"""What marks near-resonance; light, so that it prints as a light grey."""
+"""Shade of near-resonance; light, so that it prints as a light grey."""
 DASHES = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (8, 3)))
-"""Patterns of lines for what excites."""
+"""Line patterns of the excitation."""
 
 
 def resonance_figure(
@@ -37,9 +37,9 @@ def resonance_figure(
     Resonance crossings have the numbers of the report. Below are the joint angles.
 
     Args:
-        branches: natural frequencies along a motion; of draws the median and the band from 5 to 95 %.
+        branches: natural frequencies along a motion; for draws the median and the band from 5 to 95 %.
         excitation: at the same times.
-        crossings: what is shaded and numbered, in this order.
+        crossings: to shade and number, in this order.
         title: heading, such as the name of the motion.
     """
     figure = titled(SIZE, cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
@@ -66,7 +66,7 @@ def resonance_figure(
 
 
 def _shades(axes: Axes, branches: Branches, excitation: Excitation, crossings: Sequence[ResonanceCrossing]) -> None:
-    """Shade what is between a natural frequency and an excitation for as long as they are near."""
+    """Shade the gap between a natural frequency and an excitation while they are near."""
     for crossing in crossings:
         inside = (branches.time > crossing.start) & (branches.time < crossing.end)
         time = np.sort([crossing.start, *branches.time[inside], *crossing.crossings, crossing.end])
@@ -94,7 +94,7 @@ def _branches(axes: Axes, branches: Branches) -> None:
 
 
 def _spans(branches: Branches, b: int) -> Iterator[tuple[Label, float, float]]:
-    """Yield the names of a branch, each from when to when."""
+    """Yield the names of a branch, each with its first and last time."""
     changes = [change for change in branches.changes if change.branch == b]
     ends = [float(branches.time[0]), *(change.time for change in changes), float(branches.time[-1])]
     names = [branches.label(b, end) for end in ends[:-1]]
@@ -102,7 +102,7 @@ def _spans(branches: Branches, b: int) -> Iterator[tuple[Label, float, float]]:
 
 
 def _pulleys(axes: Axes, branches: Branches, excitation: Excitation, top: float) -> None:
-    """Draw what excites, lines that coincide as one, each named where it is highest within the axis."""
+    """Draw the excitation, coinciding lines as one, each named at its maximum within the axis."""
     names: list[tuple[float, float]] = []
     for i, same in enumerate(same_lines(excitation)):
         line = excitation.frequency[same[0]]
@@ -120,7 +120,7 @@ def _pulleys(axes: Axes, branches: Branches, excitation: Excitation, top: float)
 
 
 def _free(time: np.ndarray, line: np.ndarray, top: float, names: Sequence[tuple[float, float]]) -> int:
-    """Return the place of a line at which its name is far from the names there are."""
+    """Return the index on a line where its name is far from the existing names."""
     span = time[-1] - time[0]
     shares = (0.93, 0.86, 0.79, 0.72, 0.65, 0.58)
     places = [_highest(line, share * top, along) for along in (0.5, 0.03, 0.97) for share in shares]
@@ -129,7 +129,7 @@ def _free(time: np.ndarray, line: np.ndarray, top: float, names: Sequence[tuple[
 
 
 def _highest(line: Float[np.ndarray, "T"], top: float, along: float) -> int:
-    """Return a place along the first stretch on which a line is highest, but not above `top`."""
+    """Return an index in the first interval in which a line is highest, but not above `top`."""
     seen = np.where(line <= top, line, 0.0)
     high = np.flatnonzero(seen >= 0.998 * seen.max())
     first = np.split(high, np.flatnonzero(np.diff(high) > 1) + 1)[0]
@@ -154,7 +154,7 @@ def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
 
 
 def _postures(axes: Axes, branches: Branches) -> None:
-    """Draw the joint angles, those that are the same as one line."""
+    """Draw the joint angles, identical ones as one line."""
     angles = np.degrees(branches.posture)
     groups: list[list[int]] = []
     for j, angle in enumerate(angles):
@@ -173,7 +173,7 @@ def _postures(axes: Axes, branches: Branches) -> None:
 def _spread(values: Float[np.ndarray, "n"], axes: Axes) -> Float[np.ndarray, "n"]:
     """Move values apart until their names do not overlap."""
     low, high = axes.get_ylim()
-    gap = (high - low) * 0.15 / 4.2  # the upper panel has about 4.2 inches
+    gap = (high - low) * 0.15 / 4.2  # the upper panel is about 4.2 inches tall
     order, moved = np.argsort(values), np.array(values, float)
     for _ in range(20):
         for i, j in pairwise(order):

@@ -1,4 +1,4 @@
-"""Resonance along a motion: what is said of the crossings of pulley and natural frequencies; crossings as rows."""
+"""The report of pulley frequencies crossing natural frequencies along a motion, and its table."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from ident.studies.scenario import Basis
 
 # -------- Words
-# What figure and report say alike: numbers of resonance crossings, names of what excites.
+# Shared by figure and report: numbers of resonance crossings, names of the excitation.
 
 SAME = 1e-6
-"""Distance in time [s] or relative in frequency within which two are one."""
+"""Distance in time [s] or relative in frequency below which two are the same."""
 SMALL = 1e-4
-"""Vibration [m] from which on it is told in mm."""
+"""Vibration [m] from which it is given in mm."""
 T = TypeVar("T")
-"""What is put into groups."""
+"""Item to group."""
 
 
 def grouped(crossings: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossing]]:
-    """Put crossings of one branch in the same interval together, as of pulleys that turn alike; the order stays."""
+    """Group crossings of one branch in the same interval, as from pulleys with equal speed; the order stays."""
 
     def together(one: ResonanceCrossing, other: ResonanceCrossing) -> bool:
         apart = max(abs(one.start - other.start), abs(one.end - other.end), abs(one.time - other.time))
@@ -43,7 +43,7 @@ def grouped(crossings: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossi
 
 
 def _alike(items: Iterable[T], alike: Callable[[T, T], bool]) -> list[list[T]]:
-    """Put each item to the first group whose first one is like it, or into a group of its own."""
+    """Add each item to the first group whose first item is like it, or to a new group."""
     groups: list[list[T]] = []
     for item in items:
         same = next((group for group in groups if alike(group[0], item)), None)
@@ -55,13 +55,13 @@ def _alike(items: Iterable[T], alike: Callable[[T, T], bool]) -> list[list[T]]:
 
 
 def caused_words(group: Sequence[ResonanceCrossing]) -> str:
-    """Say the vibration that crossings of one mode at one time cause together: 0.7 mm, or 12 um."""
+    """Write the vibration that crossings of one mode at one time cause together: 0.7 mm, or 12 um."""
     size = sum(crossing.amplitude for crossing in group)
     return f"{MM * size:.3g} mm" if size >= SMALL else f"{1e6 * size:.3g} um"
 
 
 def same_lines(excitation: Excitation) -> list[list[int]]:
-    """Put sources together whose frequencies are the same all the time."""
+    """Group sources whose frequencies are always equal."""
     lines = excitation.frequency
 
     def same(first: int, other: int) -> bool:
@@ -71,13 +71,13 @@ def same_lines(excitation: Excitation) -> list[list[int]]:
 
 
 def sources_words(sources: Sequence[Source]) -> str:
-    """Name what excites: `pulleys 1 and 3`, `pulley 2, pulley 1 x 2`."""
+    """Name the excitation: `pulleys 1 and 3`, `pulley 2, pulley 1 x 2`."""
     orders = sorted({source.order for source in sources})
     return ", ".join(_of_order([source for source in sources if source.order == order]) for order in orders)
 
 
 def band_words(branches: Branches) -> str:
-    """Say what the bands are."""
+    """Explain the bands."""
     low, high = BAND
     return f"{low:g} to {high:g} % of {branches.batch_size} draws"
 
@@ -91,14 +91,14 @@ def _of_order(sources: Sequence[Source]) -> str:
 # -------- Report
 
 STEADY, FAST = 0.9, 0.5
-"""Share of the steady amplitude from which a mode builds up, and below which it is passed too fast."""
+"""Share of the steady amplitude from which a mode counts as built up, and below which as passed too fast."""
 UNSURE = 0.99
-"""Share of the draws and postures that must be followed surely."""
+"""Share of the draws and postures with reliable mode tracking."""
 LISTED = 8
 """Crossings on the first screen."""
 
 Group = Sequence[ResonanceCrossing]
-"""Crossings of pulleys that turn alike with one mode."""
+"""Crossings of pulleys with equal speed with one mode."""
 
 
 def resonance_sections(
@@ -108,13 +108,13 @@ def resonance_sections(
     crossings: Sequence[ResonanceCrossing],
     margin: float = 100 * MARGIN,
 ) -> Report:
-    """Return all that is said of resonance along a motion.
+    """Return the report of resonance along a motion.
 
     Args:
         basis: arm and motion.
         branches: natural frequencies along it.
         excitation: frequencies of the pulleys.
-        crossings: where both meet or come near, by the vibration they cause.
+        crossings: where both meet or come near, sorted by the vibration they cause.
         margin: distance that counts as near [% of the natural frequency].
     """
     margin /= 100
@@ -132,7 +132,7 @@ def resonance_sections(
 
 
 def _verdict(branches: Branches, groups: Sequence[Group], margin: float) -> Verdict:
-    """Judge a motion: RESONANCE where a pulley crosses a natural frequency, NEAR within the margin, else CLEAR."""
+    """Judge a motion: RESONANCE if a pulley crosses a natural frequency, NEAR within the margin, else CLEAR."""
     if not groups:
         modes = counted(len(branches.labels), "natural frequency").replace("ys", "ies")
         return Verdict("CLEAR", f"No pulley comes within {100 * margin:.3g} % of the {modes} followed.", "good")
@@ -144,7 +144,7 @@ def _verdict(branches: Branches, groups: Sequence[Group], margin: float) -> Verd
 
 
 def _meeting(branches: Branches, group: Group) -> str:
-    """Say in one sentence what happens: `Pulley 2 (drive2) crosses lateral torsion 1 at 13.61 s, 7.63 Hz: ...`."""
+    """Describe a crossing in one sentence: `Pulley 2 (drive2) crosses lateral torsion 1 at 13.61 s, 7.63 Hz: ...`."""
     e = group[0]
     who = sources_words([crossing.source for crossing in group])
     many = "" if len(group) > 1 else "s"
@@ -168,7 +168,7 @@ def passage(crossing: ResonanceCrossing) -> str:
 
 
 def crossings_table(branches: Branches, groups: Sequence[Group], note: str = "") -> Table:
-    """Return the crossings: what meets which mode, when, and how large it gets."""
+    """Return the crossings: excitation, mode, time, and vibration."""
     drawn = branches.batch_size > 0
     rows: list[tuple[Cell, ...]] = []
     for number, group in enumerate(groups, 1):
@@ -184,7 +184,7 @@ def crossings_table(branches: Branches, groups: Sequence[Group], note: str = "")
 
 
 def _findings(basis: "Basis", branches: Branches, excitation: Excitation) -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
+    """Yield the findings that affect the verdict, most important first."""
     for veering in branches.veerings:
         names = " and ".join(str(branches.labels[b]) for b in veering.branches)
         text = f"veering at {veering.time:.3f} s: {names} exchange shapes (MAC {veering.mac:.2f}) faster than resolved"

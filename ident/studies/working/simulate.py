@@ -1,4 +1,4 @@
-"""Simulate how the end point vibrates while the arm carries out a motion."""
+"""Simulate the vibration of the end point while the arm carries out a motion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions(HeldMotionOptions):
-    """Options of `ident.simulate`: the motion, how it is simulated, and what is reported of the vibration."""
+    """Options of `ident.simulate`: the motion, the method, and the reported sizes of the vibration."""
 
     draws: int = option(200, "draws of the posterior", low=1, high=100_000)
     seed: int | None = seed_of_draws()
@@ -52,7 +52,7 @@ class SimulateOptions(HeldMotionOptions):
     limit: float | None = option(None, "peak [mm] that should not be exceeded", above=0.0)
 
     def problems(self) -> list[Problem]:
-        """Refuse a step of a method that chooses its own."""
+        """Refuse a step for a method that chooses its own."""
         misplaced = Problem("step", "it with another method", "the method fast", "choose that (`method`)")
         return [*super().problems(), *([misplaced] if self.step and self.method != "fast" else [])]
 
@@ -61,17 +61,17 @@ class SimulateOptions(HeldMotionOptions):
 class SimulateResult(Result):
     """A simulated motion of an arm.
 
-    Its table has a row for each direction: peak and its time, rms, residual, settling time [m, s].
+    The table has a row for each direction: peak and its time, rms, residual, settling time [m, s].
 
     Attributes:
-        simulation: basis, response, draws, and the trace that it was compared with.
-        options: what was asked for.
-        arm: the arm as it was simulated.
+        simulation: basis, response, draws, and the compared trace.
+        options: the options of the call.
+        arm: the simulated arm.
         time: times [s].
         vibration: displacement of the end point from its quasi-static position, in x, y and z of the base frame [m].
-        arrival: when the arm arrives [s]; from then on it is held.
+        arrival: arrival time of the arm [s]; from then on it is held.
         posture: commanded joint angles [rad].
-        path: where the end point would be, were the joints rigid, in the base frame [m].
+        path: position of the end point with rigid joints, in the base frame [m].
         peak: largest magnitude of the vibration in x, y and z [m].
         draws: the vibration by the draws of a posterior; None without one.
     """
@@ -116,15 +116,15 @@ class SimulateResult(Result):
         """Draw the path of the end point, and the arm at some times [s], from the side and from above.
 
         Args:
-            times: [s] when the arm is drawn.
-            factor: by how much the vibration is drawn larger than it is.
+            times: [s] at which the arm is drawn.
+            factor: exaggeration of the vibration.
         """
         from ident.studies.working.path_figure import path_figure
 
         return path_figure(self.simulation.response, self._outline(times, factor))
 
     def animation(self, times: Sequence[float], *, factor: float = 100.0, fps: float = 10.0) -> "FuncAnimation":
-        """Animate the arm at equally spaced times [s], as in `path_figure`, at so many pictures a second."""
+        """Animate the arm at equally spaced times [s], as in `path_figure`, with `fps` frames per second."""
         from ident.studies.working.path_figure import motion_animation
 
         return motion_animation(self.simulation.response, self._outline(times, factor), fps=fps)
@@ -155,20 +155,20 @@ def simulate(
     trace: "Trace | None" = None,
     progress: Progress = silent,
 ) -> SimulateResult:
-    """Simulate how the end point vibrates while the arm carries out a motion.
+    """Simulate the vibration of the end point [m] while the arm carries out a motion.
 
     Args:
         arm: the arm.
-        options: motion, load, method, and what is reported of the vibration.
+        options: motion, load, method, and the reported sizes of the vibration.
         path: a joint path to follow instead of the stroke: a log, or its file.
-        fit: fitted values that the arm takes over: a result, or its file.
-        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
-            unless it has fitted values.
+        fit: fitted values for the arm: a result, or its file.
+        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes their medians unless it
+            has fitted values.
         trace: measured vibration to compare with, on the clock of the motion, or its file.
-        progress: shows how far it is, over the draws.
+        progress: shows progress over the draws.
 
     Raises:
-        InputError: options that do not go together, a file that does not fit the arm, a motion that it can't make.
+        InputError: contradictory options, a file that does not match the arm, a motion that it can't make.
         ModelError: the arm collapses.
     """
     from ident.studies.working.simulation import Simulation, simulated_over_phases

@@ -1,4 +1,4 @@
-"""The vibration of the end point along a motion, and what each drive makes of it."""
+"""The vibration of the end point along a motion, and the contribution of each drive."""
 
 from collections.abc import Iterator, Mapping
 from itertools import cycle
@@ -32,7 +32,7 @@ from ident.studies.working.simulation import Simulation, alike
 from ident.vibrate.study import DIRECTIONS
 
 # -------- Simulate
-# Figures of a simulated motion: vibration of the end point, and what joints, belts and pulleys do meanwhile.
+# Figures of a simulated motion: vibration of the end point; joints, belts and pulleys at the same time.
 
 OURS: Style = {"color": BLUE, "linewidth": 1.3}
 THEIRS: Style = {"color": ORANGE, "linewidth": 0.8, "zorder": 2.5}
@@ -40,7 +40,7 @@ PARTS: tuple[Style, ...] = tuple(
     {"color": color, "linestyle": line, "linewidth": 1.1}
     for color, line in ((BLUE, "-"), (ORANGE, "-"), (GREEN, "--"), (PINK, "-."), (GREY, ":"), ("black", "-"))
 )
-"""Styles of joints, spans and pulleys; the third differs in its line, as symmetric pulleys lie on one another."""
+"""Styles of joints, spans and pulleys; the third differs in its line pattern, as symmetric pulleys coincide."""
 
 
 def simulate_figure(simulation: Simulation) -> Figure:
@@ -93,7 +93,7 @@ def _by_acceleration(simulation: Simulation, direction: str) -> bool:
 
 
 def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
-    """Draw one direction in mm, or as the acceleration that was measured."""
+    """Draw one direction in mm, or as the measured acceleration."""
     direction = DIRECTIONS[i]
     if _by_acceleration(simulation, direction):
         trace = (simulation.comparisons or {})[direction].simulated.trace
@@ -114,14 +114,14 @@ def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
 
 
 def _near_limit(simulation: Simulation, i: int) -> bool:
-    """Tell whether a direction comes so near to the limit that it is drawn; elsewhere it would flatten the curve."""
+    """Whether a direction comes near enough to the limit to draw it; elsewhere it would flatten the curve."""
     sizes = [simulation.sizes.peak[i], *([] if simulation.draws is None else simulation.draws.sizes.peak[i])]
     sizes += [] if simulation.phases is None else [simulation.phases.worst[i]]
     return simulation.limit is not None and bool(max(sizes) > NEAR * simulation.limit)
 
 
 def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
-    """Mark when the arm arrives, and from when on the late peak counts."""
+    """Mark the arrival of the arm, and the start of the late peak's window."""
     marks = [("arrival", simulation.response.motion.arrival)]
     marks += [] if simulation.at is None else [(f"late peak from {simulation.at:g} s on", simulation.at)]
     axes.set(xlim=(simulation.time[0], simulation.time[-1]))
@@ -174,7 +174,7 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
 
 
 # -------- Spectrum
-# Figures of vibration: amplitude against frequency, against time and frequency, and of a pulley's orders over time.
+# Figures of vibration: amplitude over frequency, over time and frequency, and of a pulley's orders over time.
 
 LETTER, LINE = 0.068, 12.0
-"""Width of a letter [inch] and height of a line [point] of what is written above a panel."""
+"""Width of a letter [inch] and height of a line [point] above a panel."""

@@ -1,4 +1,4 @@
-"""A simulated motion as files: series as CSV and netCDF, with where they come from."""
+"""A simulated motion as files: series as CSV and netCDF, with their provenance."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -25,7 +25,7 @@ DIGITS = "%.10g"
 
 
 def write_csv(simulation: "Simulation", head: Mapping[str, Any], path: Path) -> None:
-    """Write the series as CSV, which `read_trace` reads: vibration in mm, units in the header."""
+    """Write the series as CSV, the format of `read_trace`: vibration in mm, units in the header."""
     columns = dict(csv_columns(simulation))
     notes = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",

@@ -1,4 +1,4 @@
-"""A simulated motion: what is said of its vibration, and the vibration's sizes as rows for programs."""
+"""The report of a simulated motion, and a table of its vibration."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -35,13 +35,13 @@ METHODS = {
 }
 QUANTILES = (0.05, 0.95)
 SLACK_LISTED = 4
-"""Times of a slack span that are listed one by one."""
+"""Slack intervals of a span that are listed one by one."""
 NEGLIGIBLE = 0.005
-"""Part of a peak below which it is not worth a number on the first screen."""
+"""Share of a peak below which no number is printed on the first screen."""
 
 
 def simulate_sections(simulation: "Simulation") -> Report:
-    """Return all that is said of a simulated motion."""
+    """Return the report of a simulated motion."""
     motion = simulation.response.motion
     held = float(motion.breaks[-1]) - motion.arrival
     dwell = f", then held for {held:.4g} s" if held else ""
@@ -60,9 +60,9 @@ def simulate_sections(simulation: "Simulation") -> Report:
 
 
 def _verdict(simulation: "Simulation") -> Verdict | None:
-    """Judge a motion: NOT OK where it exceeds the limit, MARGINAL where it may, else OK.
+    """Judge a motion: NOT OK if it exceeds the limit, MARGINAL if it may, else OK.
 
-    It may where some phases or draws exceed the limit. Without a limit nothing is judged.
+    MARGINAL: some phases or draws exceed the limit. None without a limit.
     """
     if simulation.limit is None:
         return None
@@ -78,7 +78,7 @@ def _verdict(simulation: "Simulation") -> Verdict | None:
 
 
 def _exceeding(simulation: "Simulation", limit: float) -> tuple[str, bool]:
-    """Say with which share of the phases and draws the limit is exceeded, and tell whether any phases or draws do."""
+    """Say which share of the phases and draws exceeds the limit, and return whether any does."""
     words, may = [], False
     if simulation.draws is not None:
         share = simulation.draws.exceeds(limit)[1]
@@ -129,7 +129,7 @@ def _sizes_table(simulation: "Simulation") -> Table:
 
 
 def _largest(simulation: "Simulation") -> str:
-    """Say when the vibration is largest, in which posture, and how fast the pulleys turn then."""
+    """Say when the vibration is largest, in which posture, and the pulley speeds at that time."""
     way, place = np.unravel_index(np.argmax(np.abs(simulation.vibration)), simulation.vibration.shape)
     posture = degrees(np.asarray(simulation.response.posture)[:, place].tolist())
     turning = [f"{name} {frequency[place]:.3g} Hz" for name, (_, frequency) in simulation.pulleys.items()]
@@ -139,7 +139,7 @@ def _largest(simulation: "Simulation") -> str:
 
 
 def _ratios(simulation: "Simulation") -> Table:
-    """Return how the simulated vibration compares with a measured trace."""
+    """Return the comparison of the simulated vibration with a measured trace."""
     rows = tuple(
         (direction, each.peak_ratio, each.rms_ratio, each.band_rms_ratio, *_dominant(each))
         for direction, each in (simulation.comparisons or {}).items()
@@ -154,7 +154,7 @@ def _dominant(comparison: "Comparison") -> list[float | None]:
 
 
 def _findings(simulation: "Simulation") -> Iterator[Finding]:
-    """Yield what bears on the result, the weightiest first."""
+    """Yield the findings that affect the result, most important first."""
     basis, spans = simulation.basis, simulation.slack
     if spans:
         number, side, start, end = spans[0]
@@ -244,7 +244,7 @@ def _bands(simulation: "Simulation") -> Iterator[Section]:
 
 
 def _owed_to_damping(draws: "Draws") -> Iterator[str]:
-    """Yield how much of the spread of peak and settling time is that of the damping, if that has draws."""
+    """Yield the share of the spread of peak and settling time due to the damping, if that has draws."""
     damping = {path: values for path, values in draws.values.items() if is_damping(path) and np.ptp(values) > 0}
     if damping:
         way = int(draws.sizes.peak.mean(1).argmax())
@@ -350,7 +350,7 @@ def _settling(simulation: "Simulation", values: np.ndarray) -> str:
 
 
 def simulate_rows(simulation: "Simulation") -> list[dict[str, Any]]:
-    """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
+    """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN where one does not apply."""
     sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
     columns = {"peak": sizes.peak, "time_of_peak": simulation.time[place], "rms": sizes.rms}
     columns |= {"residual": sizes.residual, "settling_time": sizes.settling, "late_peak": sizes.late}

@@ -1,4 +1,4 @@
-"""A simulated motion as it is reported: all that the report, the files and the figures have in common."""
+"""A simulated motion, as report, files and figures share it."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -23,19 +23,19 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Simulation:
-    """What was simulated, from what, and what came out.
+    """A simulated motion, its inputs and results.
 
     Attributes:
-        basis: what was simulated, and what that rests on.
+        basis: arm and motion, and the sources of their numbers.
         response: by the exact method, unless the fast one alone was chosen.
         other: by the fast method, if both were chosen.
         tolerance: [m] of the settling time.
-        at: [s] from when on the late peak counts; None for none.
-        limit: [m] that the peak should not exceed; None for none.
+        at: [s] start of the late peak's window; None for none.
+        limit: [m] of the peak; None for none.
         draws: the vibration by draws of the basis' posterior.
         trace: a measured trace.
-        comparisons: the simulation against it, by direction.
-        phases: the vibration over the phases that are not known; None where all are known.
+        comparisons: of the simulation with the trace, by direction.
+        phases: the vibration over the unknown phases; None if all are known.
     """
 
     basis: Basis
@@ -60,7 +60,7 @@ class Simulation:
 
     @property
     def arm(self) -> Arm:
-        """The arm as it was simulated."""
+        """The simulated arm."""
         return self.basis.arm
 
     @property
@@ -85,12 +85,12 @@ class Simulation:
 
     @cached_property
     def path(self) -> Float[np.ndarray, "3 T"]:
-        """Where the end point would be, were the joints rigid, in the base frame [m]."""
+        """Position of the end point with rigid joints, in the base frame [m]."""
         return np.asarray(self.response.path)
 
     @cached_property
     def sizes(self) -> Sizes:
-        """How large the vibration is."""
+        """Sizes of the vibration."""
         return measures(self.response, self.tolerance, self.at)
 
     @cached_property
@@ -105,7 +105,7 @@ class Simulation:
 
     @cached_property
     def slack(self) -> tuple[tuple[int, str, float, float], ...]:
-        """Belt, span (`upper` or `lower`) and the times [s] between which it pulls with nothing, the earliest first."""
+        """Belt, span (`upper` or `lower`) and the times [s] between which it is slack, the earliest first."""
         spans = slack(self.time, self.tension)
         return tuple(sorted(spans, key=lambda span: span[2]))
 
@@ -126,9 +126,9 @@ class Simulation:
 
 
 def simulated_over_phases(basis: Basis, elastic_belts: bool, rate: float, step: float | None) -> OverPhases | None:
-    """Return the vibration over the phases that are not known, by the fast method; None without.
+    """Return the vibration over the unknown phases, by the fast method; None without.
 
-    None as well where it leaves the tangents of curved springs: what is not linear does not add up.
+    None too if the motion leaves the tangents of curved springs: superposition needs linearity.
     """
     unknown = basis.unknown
     if not unknown.phases:
@@ -148,13 +148,13 @@ def simulated_over_phases(basis: Basis, elastic_belts: bool, rate: float, step: 
 
 
 def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Join lines that lie on one another under one name."""
+    """Join coinciding lines under one name."""
     groups = grouped(lines, partial(np.allclose, rtol=1e-6, atol=1e-6, equal_nan=True))
     return {", ".join(names): values for names, values in groups}
 
 
 def grouped(items: Mapping[str, T], are_alike: Callable[[T, T], bool]) -> list[tuple[list[str], T]]:
-    """Return the names of items that are like the first of their group, and that one."""
+    """Return for each group of like items their names and the first item."""
     groups: list[tuple[list[str], T]] = []
     for name, item in items.items():
         names = next((names for names, first in groups if are_alike(item, first)), None)

@@ -19,15 +19,15 @@ from ident.vibrate.replay import replay
 from ident.vibrate.spectra import Peak, Spectrogram, Spectrum, amplitude_spectrum, peaks, spectrogram
 
 # -------- Marked modes
-# Natural frequencies that are marked in a spectrum: of an arm held at a posture, or all along a motion.
+# Natural frequencies marked in a spectrum: of an arm held at a posture, or all along a motion.
 
 MODES = 6
-"""Modes that are marked."""
+"""Number of marked modes."""
 POSTURES = 400
 """Samples of a joint path at which the arm is held, at most: frequencies change slowly along it."""
 
 ROUNDING = 1e-9
-"""Time [s] by which a trace may reach beyond its path."""
+"""Time [s] by which a trace may exceed its path."""
 
 Band = tuple[float, float]
 
@@ -40,8 +40,8 @@ class MarkedModes:
         arm: name of the arm.
         load: the load case.
         first: (driven,) [rad] the posture, or the first one of a motion.
-        last: (driven,) [rad] the last one; alike where the arm is held.
-        frequencies: (K,) [Hz] of each mode at equal steps of time, by its label at the last posture; ascending there.
+        last: (driven,) [rad] the last one; the same if the arm is held.
+        frequencies: (K,) [Hz] of each mode at equal time steps, by its label at the last posture; ascending there.
     """
 
     arm: str
@@ -63,12 +63,12 @@ class MarkedModes:
     def near(self, frequency: float, within: float, direction: str) -> str | None:
         """Return the mode near a frequency, None for none.
 
-        Of several, one that moves in the direction; of these the one that is near for the longest time, then the
+        If several are near: one that moves in the direction, of these the one near for the longest time, then the
         nearest.
 
         Args:
             frequency: [Hz]
-            within: [Hz] what counts as near.
+            within: [Hz] distance that counts as near.
             direction: `vertical` or `lateral`.
         """
         apart = {label: np.abs(along - frequency) for label, along in self.frequencies.items()}
@@ -78,10 +78,10 @@ class MarkedModes:
 
 
 def marked_at(arm: Arm, posture: tuple[float, ...], load: Load) -> MarkedModes:
-    """Return the natural frequencies of an arm that is held at a posture [rad].
+    """Return the natural frequencies of an arm held at a posture [rad].
 
     Raises:
-        InputError: the posture or the load does not fit the arm.
+        InputError: the posture or the load does not match the arm.
         ModelError: the arm has no stable equilibrium there.
     """
     modes = modal_analysis(arm, posture, load, MODES)
@@ -90,7 +90,7 @@ def marked_at(arm: Arm, posture: tuple[float, ...], load: Load) -> MarkedModes:
 
 
 def marked_along(arm: Arm, log: Log, span: tuple[float, float], load: Load) -> MarkedModes:
-    """Return the natural frequencies of an arm held at the postures of a joint path, between two of its times [s].
+    """Return the natural frequencies of an arm held at the postures of a joint path, between two times [s].
 
     Raises:
         InputError: the path does not cover that time.
@@ -109,23 +109,23 @@ def marked_along(arm: Arm, log: Log, span: tuple[float, float], load: Load) -> M
 
 
 # -------- Spectra
-# The spectra of a trace as they are reported: beside another trace, and over time.
+# The spectra of a trace as reported: compared with another trace, and over time.
 
 Pulleys = Mapping[str, Float[np.ndarray, "T"]]
-"""How pulleys turn [Hz], by name."""
+"""Rotation frequency [Hz] of pulleys, by name."""
 PEAKS = 5
 """Peaks of each direction that are reported."""
 SLOW = 3.0
-"""Bins from zero up to which a peak may be a drift or the slow part of a motion; assumed."""
+"""Bins from zero in which a peak may be drift or the slow part of a motion; assumed."""
 STANDING = 1e-3
-"""Share of its fastest turning below which a pulley counts as standing; assumed."""
+"""Share of its highest speed below which a pulley counts as standing; assumed."""
 SMALL = 0.02
 """Share of the largest peak below which a peak is not reported; assumed."""
 NEAR = 0.05
-"""Distance of a mode from a peak, relative to the frequency, up to which it is named; or a bin, if that is more;
+"""Distance of a mode from a peak, relative to the frequency, up to which it is named; or one bin, if larger;
 assumed."""
 LONGEST, LEAST_SEGMENTS = 1.0, 4
-"""Duration [s] of a spectrogram's segments unless asked otherwise, in a trace that has so many of them."""
+"""Longest default segment [s] of a spectrogram, and least number of segments in a trace."""
 
 
 @dataclass(frozen=True)
@@ -133,15 +133,15 @@ class Spectra:
     """The spectra of one trace, or of two.
 
     Attributes:
-        directions: which directions were asked for.
+        directions: the requested directions.
         traces: by name, all of the same kind.
         spectra: by the same names, a column for each direction.
-        upto: [Hz] highest frequency that is looked at.
-        pulleys: of the first trace's file, those that turn alike under one name.
+        upto: [Hz] upper end of the axis.
+        pulleys: from the first trace's file; pulleys of equal speed have one name.
         modes: natural frequencies of the arm, if one was named.
-        orders: multiples of the pulleys' turning whose lines the spectrograms have.
-        spectrograms: of the first trace by direction, if they were asked for.
-        remark: what was done to make the traces comparable; mostly empty.
+        orders: orders of the pulleys drawn in the spectrograms.
+        spectrograms: of the first trace by direction, if requested.
+        remark: how the traces were made comparable; usually empty.
     """
 
     directions: tuple[str, ...]
@@ -166,7 +166,7 @@ class Spectra:
 
     @property
     def lines(self) -> dict[str, Float[np.ndarray, "T"]]:
-        """Multiples of the pulleys' turning frequencies [Hz] over the time of the first trace; NaN while they stand."""
+        """Multiples of the pulleys' rotation frequencies [Hz] over the time of the first trace; NaN at standstill."""
         return alike(
             {
                 f"{order:g} x {name}": np.where(frequency > STANDING * frequency.max(), order * frequency, np.nan)
@@ -176,7 +176,7 @@ class Spectra:
         )
 
     def strongest(self, name: str, direction: str) -> tuple[Peak, ...]:
-        """Return the strongest peaks of a trace in a direction, the largest first; none that is a slow drift."""
+        """Return the strongest peaks of a trace in a direction, largest first, without slow drift."""
         spectrum = self.spectra[name].column(self.directions.index(direction))
         largest = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
         return tuple(peak for peak in largest if peak.amplitude >= SMALL * largest[0].amplitude)
@@ -188,7 +188,7 @@ class Spectra:
 
 
 def cut(trace: Trace, pulleys: Pulleys, start: float | None, end: float | None) -> tuple[Trace, Pulleys]:
-    """Return what of a trace, and of the pulleys beside it, lies between two times [s]."""
+    """Return the part of a trace and of its pulleys between two times [s]."""
     time = trace.time
     low = 0 if start is None else int(np.searchsorted(time, start - 1e-9))
     high = len(time) if end is None else int(np.searchsorted(time, end + 1e-9))
@@ -201,7 +201,7 @@ def cut(trace: Trace, pulleys: Pulleys, start: float | None, end: float | None) 
 
 
 def common_directions(traces: Mapping[str, Trace], wanted: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the directions asked for, which all traces must have; by default all that they have in common."""
+    """Return the requested directions, which all traces must have; by default all common ones."""
     common = [d for d in next(iter(traces.values())).values if all(d in trace.values for trace in traces.values())]
     for direction in wanted or ():
         if direction not in common:
@@ -213,9 +213,9 @@ def common_directions(traces: Mapping[str, Trace], wanted: Sequence[str] | None)
 
 
 def comparable(traces: Mapping[str, Trace]) -> tuple[dict[str, Trace], str]:
-    """Return traces of one kind, and what was done to them.
+    """Return traces of one kind, and the conversion.
 
-    A displacement beside an acceleration is differentiated twice; no acceleration is ever integrated.
+    A displacement compared with an acceleration is differentiated twice; no acceleration is ever integrated.
     """
     if len({trace.kind for trace in traces.values()}) == 1:
         return dict(traces), ""
@@ -249,7 +249,7 @@ def spectrograms(
 
 
 def distinct(pulleys: Pulleys) -> dict[str, np.ndarray]:
-    """Put pulleys that turn alike under one name: their orders cannot be told from each other."""
+    """Join pulleys of equal speed under one name: their orders are indistinguishable."""
     return {" and ".join(names): frequency for names, frequency in grouped(pulleys, _turns_as)}
 
 

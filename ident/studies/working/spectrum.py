@@ -1,4 +1,4 @@
-"""Show at which frequencies a trace vibrates, and how much."""
+"""Show at which frequencies a trace vibrates, and by how much."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SpectrumOptions(BaseOptions):
-    """Options of `ident.spectrum`: what of the trace counts, how it is analysed, and at which posture an arm is."""
+    """Options of `ident.spectrum`: the part of the trace, its analysis, and the posture of an arm."""
 
     direction: tuple[str, ...] | None = option(None, "as x,z; default: all that the file has", read=reading.words)
     window: str = option("hann", "hann, boxcar, hamming, blackmanharris or flattop", choices=WINDOWS)
@@ -58,7 +58,7 @@ class SpectrumOptions(BaseOptions):
     )
 
     def problems(self) -> list[Problem]:
-        """Refuse a posture that is none."""
+        """Refuse an invalid posture."""
         problems = super().problems()
         if self.posture and not all(map(is_angle, self.posture)):
             expected = f"angles within {FARTHEST:g} deg"
@@ -68,15 +68,15 @@ class SpectrumOptions(BaseOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SpectrumResult(Result):
-    """The spectra of a trace, or of two.
+    """The spectra of one or two traces.
 
-    Its table has a row for each of the strongest peaks: frequency [Hz], amplitude [SI], and the mode near it.
+    The table has a row for each of the strongest peaks: frequency [Hz], amplitude [SI], and the mode near it.
 
     Attributes:
         spectra: traces, spectra, spectrograms, and the modes of an arm.
-        arm: the arm as its file has it; None if none was named.
-        path: the joint path that was given for the modes; None for that of the trace's own file.
-        options: what was asked for.
+        arm: the arm as in its file; None if none was named.
+        path: the joint path that was given for the modes; None for the path in the trace's own file.
+        options: the options of the call.
     """
 
     spectra: "Spectra"
@@ -90,7 +90,7 @@ class SpectrumResult(Result):
 
     @property
     def name(self) -> str:
-        """The trace's name and what was done with it."""
+        """Name of the trace and of the study."""
         return f"{next(iter(self.spectra.traces)).removesuffix('.simulate')}.spectrum"
 
     @property
@@ -105,7 +105,7 @@ class SpectrumResult(Result):
         return {d: spectrum.column(i).amplitude for i, d in enumerate(self.spectra.directions)}
 
     def band_rms(self, low: float, high: float) -> "Mapping[str, float]":
-        """Return the root mean square of what lies in a band of the (first) trace, by direction [m or m/s^2].
+        """Return the root mean square of the (first) trace within a band, by direction [m or m/s^2].
 
         Args:
             low: [Hz] lower end of the band.
@@ -134,7 +134,7 @@ class SpectrumResult(Result):
         return peaks(self.spectra.spectra[self.spectra.name].column(column), count, (low, high))
 
     def figures(self) -> "dict[str, Figure]":
-        """Return the spectra, and spectrograms by direction if they were asked for."""
+        """Return the spectra, and spectrograms by direction if requested."""
         from ident.studies.working.spectrum_figure import spectra_figure, spectrogram_figures
 
         return {"": spectra_figure(self.spectra), **spectrogram_figures(self.spectra, decibel=self.options.decibel)}
@@ -154,19 +154,19 @@ def spectrum(
     pulleys: "Pulleys | None" = None,
     path: "Log | str | Path | None" = None,
 ) -> SpectrumResult:
-    """Show at which frequencies a trace vibrates, and how much.
+    """Show at which frequencies [Hz] a trace vibrates, and by how much.
 
     Args:
-        trace: a trace, its file, or a simulated motion, whose vibration is the trace then.
-        options: what of it counts, and how it is analysed.
-        arm: marks its natural frequencies: along the motion where the joint path is known, else at a posture.
-        against: another trace, drawn over the first, as a measured one.
-        pulleys: how pulleys turn at the times of the trace, by name; by default as its file or the simulation has it.
-        path: joint angles at the times of the trace: a log, or its file; by default as the trace's file or the
-            simulation has them.
+        trace: a trace, its file, or a simulated motion with its vibration.
+        options: the part of the trace, and its analysis.
+        arm: marks its natural frequencies: along the motion if the joint path is known, else at a posture.
+        against: another trace, such as a measured one, drawn over the first.
+        pulleys: rotation of pulleys at the times of the trace, by name; by default from its file or the simulation.
+        path: joint angles at the times of the trace: a log, or its file; by default from the trace's file or the
+            simulation.
 
     Raises:
-        InputError: a trace that is too short, or has not what is asked for; options that do not go together.
+        InputError: a trace that is too short, or lacks what is requested; contradictory options.
         ModelError: the arm has no stable equilibrium at the posture.
     """
     from ident.studies.working.spectra import (
@@ -204,7 +204,7 @@ def _traces(
     pulleys: "Pulleys | None",
     options: SpectrumOptions,
 ) -> "tuple[dict[str, Trace], Pulleys]":
-    """Return what of the traces counts, by name, and the pulleys beside the first."""
+    """Return the selected parts of the traces, by name, and the pulleys of the first."""
     from ident.studies.working.spectra import cut
 
     name, first, beside = _read(trace)
@@ -218,7 +218,7 @@ def _traces(
 
 
 def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Pulleys]":
-    """Return a trace with its name and the pulleys beside it."""
+    """Return a trace with its name and its pulleys."""
     from ident.measure import Trace, read_pulleys, read_trace
 
     if isinstance(trace, Trace):
@@ -232,7 +232,7 @@ def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Pu
 
 
 def _check_arm(arm: "ArmFile | None", options: SpectrumOptions, path: Any) -> None:
-    """Refuse what is asked of an arm where none is named, and two postures of one."""
+    """Refuse options of an arm without an arm, and two postures at once."""
     if path is not None and options.posture is not None:
         raise refusal("posture", "it beside `path`", "one of them", "drop one")
     for name, value in {"posture": options.posture, "soft_base": options.soft_base, "path": path}.items():
@@ -247,7 +247,7 @@ def _modes(
     trace: "Trace | SimulateResult | str | Path",
     path: "Log | None",
 ) -> "MarkedModes | None":
-    """Return the arm's natural frequencies at the posture asked for, or along the motion, or at all angles zero."""
+    """Return the arm's natural frequencies at the requested posture, or along the motion, or at zero angles."""
     from ident.measure import Load
     from ident.studies.working.spectra import marked_along, marked_at
 
@@ -262,7 +262,7 @@ def _modes(
 
 
 def _joint_path(trace: "Trace | SimulateResult | str | Path", first: "Trace", joints: list[str]) -> "Log | None":
-    """Return the joint angles during a trace: those of the simulation or of the file; None for none."""
+    """Return the joint angles during a trace: from the simulation or the file; None for none."""
     from ident.measure import Log, Trace, read_log
 
     if isinstance(trace, Trace):

@@ -45,7 +45,7 @@ def _styles(width: float, colours: Sequence[str]) -> tuple[Style, ...]:
 
 SERIES = _styles(1.4, (BLUE, ORANGE, GREEN, PINK))
 LINES = _styles(1.6, (ORANGE, GREEN, "black", PINK))
-"""Styles of a pulley's orders: over the blue of a spectrogram, and the same over time."""
+"""Styles of a pulley's orders: over the blue of a spectrogram, and over time."""
 
 
 def spectra_figure(spectra: "Spectra") -> Figure:
@@ -85,8 +85,8 @@ def spectrum_figure(
     Args:
         series: spectra by name, of amplitudes (F, directions) [m], or (F,) [m] for a single direction.
         directions: names of the panels, in the order of the amplitudes' columns.
-        marks: lowest and highest frequency [Hz] by name, drawn as thin lines where they are alike, else as a shade;
-            those beyond the axis are named below.
+        marks: lowest and highest frequency [Hz] by name, drawn as thin lines if equal, else as a shade; marks beyond
+            the axis are named below.
         upto: [Hz] right end of the axis.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
         remarks: further lines below the panels.
@@ -125,7 +125,7 @@ def spectrogram_figure(
     Args:
         spectrogram: of one trace, amplitudes (F, B) [m].
         lines: times [s] and frequencies [Hz] by name; NaN interrupts a line.
-        title: heading, such as which direction of which motion.
+        title: heading, such as direction and motion.
         upto: [Hz] upper end of the axis.
         decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
@@ -141,7 +141,7 @@ def spectrogram_figure(
 
 
 def _spectra(axes: Axes, series: Mapping[str, "Spectrum"], column: int, upto: float, factor: float) -> None:
-    """Draw one direction of each spectrum, the axis from zero to what is seen."""
+    """Draw one direction of each spectrum, with the axis starting at zero."""
     top = 0.0
     for spectrum, style in zip(series.values(), cycle(SERIES), strict=False):
         amplitude = factor * spectrum.amplitude.reshape(len(spectrum.frequency), -1)[:, column]
@@ -152,7 +152,7 @@ def _spectra(axes: Axes, series: Mapping[str, "Spectrum"], column: int, upto: fl
 
 
 class _Flag(NamedTuple):
-    """A mark: its text, and from which to which frequency [Hz] it reaches, in which row above the panel."""
+    """A mark: its text, its lower and upper frequency [Hz], and its row above the panel."""
 
     text: str
     band: "Band"
@@ -160,7 +160,7 @@ class _Flag(NamedTuple):
 
 
 def _rows_of_flags(marks: Mapping[str, "Band"], upto: float) -> list[_Flag]:
-    """Return the marks, each above the rows of all others that its text reaches over."""
+    """Return the marks, each above the rows of all others that its text overlaps."""
     flags: list[_Flag] = []
     for name, band in sorted(marks.items(), key=lambda mark: -mark[1][0]):
         text = _mark(name, band)
@@ -189,7 +189,7 @@ def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
 def amplitude_figure(
     size: tuple[float, float], spectrogram: "Spectrogram", title: str, upto: float, kind: str, decibel: bool = False
 ) -> tuple[Figure, Axes]:
-    """Draw the amplitudes, straight between bins and segments, and the bar that tells them."""
+    """Draw the amplitudes, linear between bins and segments, and their colour bar."""
     factor, unit = TRACE_UNITS[kind]
     figure = titled(size, cut(title, 70))
     axes = figure.subplots()
@@ -200,7 +200,7 @@ def amplitude_figure(
         shown = 20 * np.log10(np.maximum(shown, np.finfo(float).tiny))
         top, unit = float(shown.max()), f"dB re 1 {unit}"
         bottom = top - 60.0
-    # in proportion to the root of the amplitude, so that an order is seen beside its resonances
+    # proportional to the root of the amplitude, so that an order is visible next to its resonances
     scale = Normalize(bottom, top or 1.0) if decibel else PowerNorm(0.5, bottom, top or 1.0)
     mesh = axes.pcolormesh(
         spectrogram.time, spectrogram.frequency[inside], shown, cmap="Blues", norm=scale, shading="gouraud"
@@ -215,7 +215,7 @@ def amplitude_figure(
 
 
 def _descriptions(series: Mapping[str, "Spectrum"]) -> Iterator[str]:
-    """Yield how the spectra were made: one line for all that were made alike."""
+    """Yield how the spectra were computed: one line for all with the same settings."""
     alike = by_key((spectrum.description(), cut(name, 24)) for name, spectrum in series.items())
     for words, names in alike.items():
         yield words if len(alike) == 1 else f"{', '.join(names)}: {words}"

@@ -1,4 +1,4 @@
-"""Spectra of traces: what is said of their peaks, and of the modes near these; the peaks as rows."""
+"""The report of the spectra of traces: their peaks, and the modes near them; and its table."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from ident.studies.working.spectra import Band, MarkedModes
 
 STRONGEST = 2
-"""Peaks of a direction on the first screen, of a single trace."""
+"""Peaks of each direction on the first screen, for a single trace."""
 
 
 def spectrum_sections(spectra: Spectra) -> Report:
-    """Return all that is said of spectra."""
+    """Return the report of spectra."""
     names = " and ".join(cut(name, 40) for name in spectra.traces)
     return Report(
         f"Amplitude spectra of {names}: {spectra.kind}, 0-peak, up to {spectra.upto:g} Hz",
@@ -31,7 +31,7 @@ def spectrum_sections(spectra: Spectra) -> Report:
 
 
 def _next(spectra: Spectra) -> str:
-    """Return what names the modes near the peaks, or else what excites them."""
+    """Return the step that names the modes near the peaks, or else their excitation."""
     if spectra.modes is None:
         return "ident spectrum {trace} --arm ARM"
     return "ident resonance {arm}"
@@ -100,13 +100,13 @@ def spectrum_rows(spectra: Spectra) -> list[dict[str, Any]]:
 
 
 def where_marked(modes: "MarkedModes") -> str:
-    """Say at which posture the natural frequencies are those of the arm, or along which motion."""
+    """Name the posture or the motion of the arm's natural frequencies."""
     if modes.held:
         return f"at {degrees(modes.first)}"
     return f"along the motion from {degrees(modes.first)} to {degrees(modes.last)}"
 
 
 def hertz(band: "Band", digits: int = 2) -> str:
-    """Write a frequency [Hz], or between which ones it changes: `4.80 to 5.23 Hz`."""
+    """Write a frequency [Hz] or its range: `4.80 to 5.23 Hz`."""
     low, high = (f"{frequency:.{digits}f}" for frequency in band)
     return f"{low} Hz" if low == high else f"{low} to {high} Hz"

@@ -1,4 +1,4 @@
-"""Vary numbers of an arm, or its speed: how the vibration over a motion depends on them."""
+"""Vary numbers of an arm, or its speed, and see how the vibration over a motion depends on them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from ident.vibrate.sweep import Axis, Sweep, Trend
 
 MOST_NAMED = 3
-"""Parameters that the names of files tell one by one."""
+"""Parameters named one by one in file names."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions(AmplitudeOptions):
-    """Options of `ident.sweep`: what is varied, over which motion, and how its vibration is measured."""
+    """Options of `ident.sweep`: the varied numbers, the motion, and the measure of its vibration."""
 
     vary: dict[str, ranges.Limits] = repeated(
         {},
@@ -45,7 +45,7 @@ class SweepOptions(AmplitudeOptions):
     seed: int | None = seed_of_draws()
 
     def problems(self) -> list[Problem]:
-        """Refuse ranges that are none, and what is no map."""
+        """Refuse invalid ranges and maps."""
         problems = [*super().problems(), *ranges.problems("vary", self.vary, "COUNT")]
         if self.grid and len(self.vary) != 2:
             got = f"{len(self.vary)} parameter{'s' * (len(self.vary) != 1)}"
@@ -55,15 +55,15 @@ class SweepOptions(AmplitudeOptions):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SweepResult(Result):
-    """How the vibration depends on numbers of an arm.
+    """Dependence of the vibration on numbers of an arm.
 
-    Its figure shows amplitudes against each parameter, or a map of two; its table has a row for each amplitude and
+    The figure shows amplitudes against each parameter, or a map of two; the table has a row for each amplitude and
     direction: value in SI, the speed in %; amplitude and 5 to 95 % in mm.
 
     Attributes:
-        study: what was varied, of what, and the amplitudes.
-        options: what was asked for.
-        present: amplitude of the arm as it is, in x, y and z [m].
+        study: what was varied, on which arm, and the amplitudes.
+        options: the options of the call.
+        present: amplitude of the present arm, in x, y and z [m].
     """
 
     study: "SweepStudy"
@@ -79,7 +79,7 @@ class SweepResult(Result):
 
     @property
     def name(self) -> str:
-        """The arm's name, its motion and what was varied."""
+        """Name of the arm, its motion and the varied numbers."""
         names = [a.paths[0] + "-etc" * (len(a.paths) > 1) for sweep in self.study.sweeps for a in sweep.axes]
         if not self.study.is_map and len(names) > MOST_NAMED:
             names = [names[0], f"{len(names) - 1}-more"]
@@ -87,14 +87,14 @@ class SweepResult(Result):
 
     @property
     def sweeps(self) -> "Mapping[str, Sweep]":
-        """Amplitudes by what is varied: `sweeps["speed"].amplitude` (3, K) [m] at `.axes[0].values` (K,) [SI or %]."""
+        """Amplitudes by varied number: `sweeps["speed"].amplitude` (3, K) [m] at `.axes[0].values` (K,) [SI or %]."""
         return {" by ".join(axis.name for axis in sweep.axes): sweep for sweep in self.study.sweeps}
 
     @property
     def trends(self) -> "Mapping[str, Mapping[str, tuple[Trend, Trend | None]]]":
-        """How amplitudes go with what is varied, by its name and the direction; none of a map.
+        """Trend of the amplitudes with each varied number, by its name and the direction; empty for a map.
 
-        Each over the whole range, and about the present value, where that lies within: `trends["speed"]["y"]`.
+        Each over the whole range, and near the present value, if that lies within: `trends["speed"]["y"]`.
         """
         from ident.vibrate.sweep import trends
 
@@ -122,15 +122,15 @@ def sweep(
     """Simulate a motion with other numbers of the arm, each alone, or two together; by the fast method.
 
     Args:
-        arm: as it is.
-        options: what is varied, over which motion, and how its vibration is measured.
+        arm: the present arm.
+        options: the varied numbers, the motion, and the measure of its vibration.
         path: a joint path to follow instead of the stroke: a log, or its file.
-        fit: fitted values that the arm takes over: a result, or its file.
-        posterior: draws of the arm's numbers, which give bands: a sample, or its file.
-        progress: shows how far it is, over batches of simulations.
+        fit: fitted values for the arm: a result, or its file.
+        posterior: draws of the arm's numbers, for bands: a sample, or its file.
+        progress: shows progress over batches of simulations.
 
     Raises:
-        InputError: no such number, a range that can't be, or a motion that the arm can't carry out.
+        InputError: an unknown number, an impossible range, or a motion that the arm can't carry out.
         ModelError: the arm has no stable equilibrium at some value, which is named.
     """
     from ident.studies.working.sweep_study import SweepStudy

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 WIDTH = 8.0
 """Width of a figure [inch]."""
 COLUMN = 4
-"""Panels that stand in one column."""
+"""Panels per column."""
 DOTTED: Style = {"linewidth": 1.4, "marker": ".", "markersize": 3}
 WAYS: tuple[Style, ...] = (
     {**DOTTED, "color": BLUE, "linestyle": "-"},
@@ -47,9 +47,9 @@ WAYS: tuple[Style, ...] = (
 )
 """Styles of x, y, z."""
 WIDE = 3.0
-"""Ratio of the ends from which on factors are drawn on a logarithmic axis."""
+"""Ratio of the ends from which factors get a logarithmic axis."""
 DEEPEST = 1e-3
-"""Lowest amplitude that is drawn, as a share of the highest."""
+"""Lowest drawn amplitude, as a share of the highest."""
 
 
 def sweep_figure(study: "SweepStudy") -> Figure:
@@ -116,7 +116,7 @@ def _curves(axes: Axes, study: "SweepStudy", sweep: Sweep) -> None:
 
 
 def _multiples(axes: Axes, axis: Axis) -> None:
-    """Show above the panel by which factor the number is changed."""
+    """Show above the panel the factor of each value."""
     factor = in_shown_unit(axis.paths[0], axis.present)[0]
     functions: Any = (lambda x: x / factor, lambda x: x * factor)
     above = axes.secondary_xaxis("top", functions=functions)
@@ -143,12 +143,12 @@ def _scale(axes: Axes, axis: Axis, which: str) -> None:
 
 
 def _is_log(axis: Axis) -> bool:
-    """Tell whether an axis is drawn logarithmically: values above zero by equal factors, wide enough."""
+    """Whether an axis is logarithmic: positive values by equal factors, over a wide range."""
     return not axis.shifted and not axis.is_speed and bool(axis.values[-1] / axis.values[0] > WIDE)
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Return round numbers on a logarithmic axis, not too many."""
+    """Return a few round numbers for a logarithmic axis."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     for steps in ((1, 1.5, 2, 3, 4, 5, 6, 7, 8), (1, 2, 3, 5), (1, 3), (1,)):
         ticks = [s * 10.0**d for d in decades for s in steps if low * (1 - 1e-9) <= s * 10.0**d <= high * (1 + 1e-9)]
@@ -158,13 +158,13 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def _largest(study: "SweepStudy") -> float:
-    """Return the largest amplitude that is drawn [m]."""
+    """Return the largest drawn amplitude [m]."""
     bands = [float(sweep.band[1].max()) for sweep in study.sweeps if sweep.draws is not None]
     return max([*bands, *(float(curve(sweep)[1].max()) for sweep in study.sweeps)])
 
 
 def _limit(study: "SweepStudy") -> float:
-    """Return the limit [m] if an amplitude comes so near that it is drawn; elsewhere it would flatten the curves."""
+    """Return the limit [m] if an amplitude comes near enough to draw it; elsewhere it would flatten the curves."""
     limit = study.limit or 0.0
     return limit if _largest(study) > NEAR * limit else 0.0
 
@@ -190,7 +190,7 @@ def _map_figure(study: "SweepStudy") -> Figure:
     first, second = (in_shown_unit(axis.paths[0], 1.0)[0] * axis.values for axis in sweep.axes)
     largest = MM * sweep.amplitude.max(0)
     levels = np.asarray(MaxNLocator(12, steps=[1, 2, 2.5, 5, 10]).tick_values(largest.min(), largest.max()))
-    levels = levels if len(levels) > 1 else np.array([levels[0], levels[0] + 1.0])  # all amplitudes are the same
+    levels = levels if len(levels) > 1 else np.array([levels[0], levels[0] + 1.0])  # all amplitudes are equal
     filled = axes.contourf(first, second, largest.T, levels=levels, cmap="viridis")
     label = f"largest {study.measure} of X, Y and Z [mm]"
     colour_bar(figure, axes, filled, label).outline.set_visible(False)
@@ -201,7 +201,7 @@ def _map_figure(study: "SweepStudy") -> Figure:
 
 
 def _marks(axes: Axes, study: "SweepStudy", sweep: Sweep) -> Iterator[Line2D]:
-    """Mark present design, best point and limit, and yield what stands for them in the key."""
+    """Mark present design, best point and limit, and yield their handles for the key."""
     largest = sweep.amplitude.max(0)
     scales = [in_shown_unit(axis.paths[0], 1.0)[0] for axis in sweep.axes]
     best = np.unravel_index(largest.argmin(), largest.shape)

@@ -1,4 +1,4 @@
-"""A sweep: what is said of amplitudes against what is varied; the amplitudes as rows and as CSV."""
+"""The report of a sweep, its table, and the amplitudes as CSV."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise, product
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from ident.vibrate.variable import Variable
 
 # -------- Words
-# What is swept, and how an amplitude goes with it.
+# The varied numbers, and how an amplitude depends on them.
 
 
 def axis_in_words(axis: Axis, *, brief: bool = False) -> str:
-    """Say what is swept: `joint1.k_tors, torsional stiffness of joint1`; of several numbers only the first if brief."""
+    """Name the varied number: `joint1.k_tors, torsional stiffness of joint1`; of several only the first if brief."""
     if axis.is_speed:
         return "speed, percent of full speed"
     if len(axis.paths) > 1:
@@ -52,22 +52,22 @@ def mm(value: float) -> str:
 
 
 def _short(length: float) -> str:
-    """Write a length [m] in mm, with fewer decimals where it is large."""
+    """Write a length [m] in mm, with fewer decimals if large."""
     return mm(length) if MM * length < 10 else f"{MM * length:.2f}"
 
 
 def _value(axis: Axis, value: float) -> str:
-    """Write a value of what is swept with its unit."""
+    """Write a value of the varied number with its unit."""
     return short_power(value_in_words(axis.paths[0], value))
 
 
 def _number(axis: Axis, value: float) -> str:
-    """Write a value of what is swept without its unit."""
+    """Write a value of the varied number without its unit."""
     return short_power(f"{in_shown_unit(axis.paths[0], value)[0]:.4g}")
 
 
 def _named(axis: Axis) -> str:
-    """Name what is swept with its unit: `joint1.k_tors [N m/rad]`."""
+    """Name the varied number with its unit: `joint1.k_tors [N m/rad]`."""
     more = f" and {len(axis.paths) - 1} more" if len(axis.paths) > 1 else ""
     unit = in_shown_unit(axis.paths[0], 1.0)[1]
     return f"{axis.paths[0]}{more}" + (f" [{unit}]" if unit != "-" else "")
@@ -81,7 +81,7 @@ SHAPES = {
     "maximum": "has a maximum",
     "wavy": "rises and falls",
 }
-"""How an amplitude goes, by the shape of its trend."""
+"""How an amplitude behaves, by the shape of its trend."""
 
 
 def _kept_at(sweep: Sweep, limit: float) -> str:
@@ -112,7 +112,7 @@ LISTED = 8
 
 
 def sweep_sections(study: "SweepStudy") -> Report:
-    """Return all that is said of a sweep."""
+    """Return the report of a sweep."""
     names = " by ".join(cut(axis.name, 24) for axis in study.sweeps[0].axes)
     varied = f"map of {names}" if study.is_map else f"{counted(len(study.sweeps), 'parameter')}, one at a time"
     limit = f" --limit {MM * study.limit:g}" if study.limit is not None and study.present.max() > study.limit else ""
@@ -129,7 +129,7 @@ def sweep_sections(study: "SweepStudy") -> Report:
 def _verdict(study: "SweepStudy") -> Verdict | None:
     """Judge an arm: OK if it keeps the limit, REACHABLE if a value in the ranges does, else NOT REACHABLE.
 
-    MARGINAL if it keeps the limit, but some draws do not. Without a limit nothing is judged.
+    MARGINAL if it keeps the limit, but some draws do not. None without a limit.
     """
     if study.limit is None:
         return None
@@ -156,7 +156,7 @@ def _verdict(study: "SweepStudy") -> Verdict | None:
 
 
 def _exceeding_now(study: "SweepStudy") -> float | None:
-    """Return the share of draws that exceed the limit as the arm is; None where that is no point of a sweep."""
+    """Return the share of draws of the present arm that exceed the limit; None if no sweep contains it."""
     if study.limit is None or not study.draws or study.is_map:
         return None
     for sweep in study.sweeps:
@@ -187,7 +187,7 @@ def _answer(study: "SweepStudy") -> Iterator[Part]:
 
 
 def _extremes(axis: Axis, sizes: np.ndarray) -> list[str]:
-    """Return the least and the largest of the amplitudes along an axis, each with where it is."""
+    """Return the least and the largest amplitude along an axis, each with its place."""
     return [text for k in (sizes.argmin(), sizes.argmax()) for text in (mm(sizes[k]), _number(axis, axis.values[k]))]
 
 
@@ -196,7 +196,7 @@ def _trends(sweep: Sweep) -> dict[str, tuple[Trend, Trend | None]]:
 
 
 def _map_extremes(study: "SweepStudy", sweep: Sweep) -> Iterator[Part]:
-    """Yield where each direction, and the largest of them, is least and largest, and where the limit is kept."""
+    """Yield the places of least and largest vibration, by direction and overall, and where the limit is kept."""
     largest = sweep.amplitude.max(0)
     rows = []
     for name, table in zip(LINES, [*sweep.amplitude, largest], strict=True):
@@ -212,7 +212,7 @@ def _map_extremes(study: "SweepStudy", sweep: Sweep) -> Iterator[Part]:
         kept = f"The limit is kept at {int((largest <= study.limit).sum())} of {largest.size} points."
         if sweep.draws is not None:
             shares = sweep.exceeds(study.limit)
-            surest = int(np.where(shares == shares.min(), largest, np.inf).argmin())  # of equals, the least amplitude
+            surest = int(np.where(shares == shares.min(), largest, np.inf).argmin())  # among equals the least amplitude
             kept += f" Least probability of exceeding it: {percent(float(shares.min()))}, at {_point(sweep, surest)}."
         yield kept
 
@@ -244,7 +244,7 @@ def _details(study: "SweepStudy") -> Iterator[Section]:
 
 
 def _axis(axis: Axis) -> str:
-    """Say how many values there are and how they are spaced."""
+    """Say how many values there are and their spacing."""
     low, high, count = axis.values[0], axis.values[-1], len(axis.values)
     steps = [b - a for a, b in pairwise(axis.values)]
     spacing = "equal steps" if np.allclose(steps, steps[0]) and count > 2 else "equal factors"
@@ -253,7 +253,7 @@ def _axis(axis: Axis) -> str:
 
 
 def _parameter(study: "SweepStudy", sweep: Sweep) -> Iterator[Part]:
-    """Yield amplitudes at each value, with bands and the probability that the limit is exceeded; and their trends."""
+    """Yield amplitudes at each value, with bands and the probability of exceeding the limit; and their trends."""
     (axis,) = sweep.axes
     factor, unit = in_shown_unit(axis.paths[0], 1.0)
     columns: dict[str, list[Cell]] = {f"value [{unit}]": [float(value) * factor for value in axis.values]}
@@ -282,7 +282,7 @@ def _parameter(study: "SweepStudy", sweep: Sweep) -> Iterator[Part]:
 
 
 def _trend_table(sweep: Sweep) -> Table:
-    """Return how the amplitudes go, over the whole range and about the present value."""
+    """Return the trends of the amplitudes, over the whole range and near the present value."""
     (axis,) = sweep.axes
     lines = _trends(sweep)
     *each, largest = curve(sweep)[1]
@@ -348,7 +348,7 @@ def sweep_rows(study: "SweepStudy") -> list[dict[str, Any]]:
 
 
 def write_csv(study: "SweepStudy", head: Mapping[str, Any], path: Path) -> None:
-    """Write the amplitudes as CSV, with their origin, the head of the result file, above them."""
+    """Write the amplitudes as CSV, below a header with their origin, the head of the result file."""
     basis, rows = study.basis, sweep_rows(study)
     notes = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
@@ -362,6 +362,6 @@ def write_csv(study: "SweepStudy", head: Mapping[str, Any], path: Path) -> None:
 
 
 def _cell(value: Any) -> str:
-    """Write a number with ten digits, an undefined one as nothing."""
+    """Write a number with ten digits, an undefined one as empty."""
     text = f"{value:.10g}" if isinstance(value, float) else str(value)
     return "" if text == "nan" else text

@@ -1,4 +1,4 @@
-"""The vibration of an arm over numbers that are varied, and over its speed."""
+"""The vibration of an arm over varied numbers, and over its speed."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,14 @@ from ident.vibrate.sweep import Sweep
 
 @dataclass(frozen=True)
 class SweepStudy:
-    """What was swept, of what, and what came out.
+    """What was varied, on which arm, and the amplitudes.
 
     Attributes:
-        basis: the arm as it was simulated, its motion and draws.
+        basis: the simulated arm, its motion and draws.
         sweeps: one for each parameter, or a single one of two.
-        rate: samples a second.
+        rate: sampling rate [Hz].
         elastic_belts: whether belts stretch.
-        limit: [m] that the amplitude should not exceed; None for none.
+        limit: [m] of the amplitude; None for none.
     """
 
     basis: Basis
@@ -29,7 +29,7 @@ class SweepStudy:
 
     @property
     def measure(self) -> str:
-        """Of the vibration."""
+        """Measure of the vibration."""
         return self.sweeps[0].measure
 
     @property
@@ -39,7 +39,7 @@ class SweepStudy:
 
     @property
     def present(self) -> Float[np.ndarray, "3"]:
-        """Amplitudes of the arm as it is [m]."""
+        """Amplitudes of the present arm [m]."""
         return self.sweeps[0].present
 
     @property
