@@ -12,8 +12,8 @@ from jaxtyping import Array, Bool, Float
 
 from ident.inference.parameters import AnyArray
 
-LEAST_STEP = 1e-7
-"""Length of the next step [sd] below which a search has ended."""
+LEAST_STEP = 1e-10
+"""Length of the next step [sd] below which a search has ended: a repeated fit agrees to 1e-9."""
 ROUNDING = 1e-10
 """Fall of the cost, relative to one plus the cost, and step in theta, relative to one plus theta, that are rounding."""
 

@@ -104,7 +104,7 @@ def test_it_comes_back_as_it_was(result, tmp_path):
 
 def test_its_figures_show_data_and_intervals(result):
     assert list(result.figures()) == ["posterior", "corner", "trace"]
-    parameters, _, predicted = (axes for axes in result.figures()["posterior"].axes if axes.get_xlabel())
+    parameters, predicted = (axes for axes in result.figures()["posterior"].axes if axes.get_xlabel())
     assert predicted.get_xlabel() == "(measured - predicted) / sigma [-]", "as in the figure of the fit"
     medians = [line.get_xdata()[0] for line in predicted.lines if line.get_marker() == "o"]
     drawn, campaign = result.sample.posterior_predictive.predicted, result.sample.fitted.campaign
