@@ -209,7 +209,7 @@ class Experiments:
         return np.asarray(self.whole[own].sum(0) + self.before.get(group, 0.0))
 
     def after(self, chosen: Sequence[int]) -> Float[np.ndarray, "C T P P"]:
-        """Return the information that each would add after those chosen: less if it shares an error with these."""
+        """Return the information that each adds after those chosen: less if it shares an error with these."""
         added = self.information.copy()
         for group in {int(self.group[i]) for i in chosen}:
             own = self.group == group
