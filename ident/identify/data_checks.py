@@ -113,7 +113,7 @@ class Expected(NamedTuple):
 
 
 def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> Bool[np.ndarray, "D"]:
-    """Return which rows of ramps are so small, relative to the largest of their loop, that friction may explain them."""
+    """Return which rows of ramps are so small, compared with their loop's largest, that friction may explain them."""
     loops, sizes = np.abs(loop_places(campaign)).astype(int), np.nan_to_num(np.abs(predicted))
     largest = np.zeros(loops.max(initial=0) + 1)
     np.maximum.at(largest, loops, sizes)
@@ -315,7 +315,7 @@ def _right(row: str) -> str:
 
 
 def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
-    """Yield, for each repeated measurement, the two rows that contradict each other most, if any do.
+    """Yield the two rows of each repeated measurement that contradict each other most, if any do.
 
     The limit grows with the number of pairs (Bonferroni): the false-alarm probability of a correct campaign stays below
     that of one pair at 3 sd. Frequencies without a mode label are never repeats, since those of one posture and load

@@ -243,7 +243,7 @@ def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
 RIDGES = 3.0, 20.0
 """Width of the ridge penalty on a number, as a multiple of its plausible width: first and last."""
 STEP_OFF = 20.0
-"""The same for a wrong value, in its sigmas."""
+"""Plausible size of a wrong value's error [its sigma], for the same penalty."""
 STEPS = 60
 """Most evaluations of a search: without convergence by then there is no explanation."""
 TOGETHER = 2
@@ -500,7 +500,7 @@ class Hypotheses:
 
 
 class _Ask(NamedTuple):
-    """A point that a search wants to evaluate: its perturbations, their matrix to theta, the point, the held matching."""
+    """A point that a search requests: its perturbations, their matrix to theta, the point, the held matching."""
 
     perturbations: Sequence[Perturbation]
     way: Float[np.ndarray, "Q p"]
