@@ -373,7 +373,7 @@ def _drawn(parts: list[Normal], positive: np.ndarray, rng: np.random.Generator) 
     counts = rng.multinomial(COUNT, _shares(parts))
     theta = []
     for part, n in zip(parts, counts, strict=True):
-        away = _student(part).rvs(n, random_state=rng).reshape(n, -1)  # 1 - exp(mean - theta) of what is positive
+        away = _student(part).rvs(n, random_state=rng).reshape(n, -1)  # 1 - exp(mean - theta) if positive
         with np.errstate(invalid="ignore", divide="ignore"):
             theta.append(part.mean + np.where(positive, -np.log1p(-np.where(positive, away, 0.0)), away))
     whole = np.concatenate(theta)

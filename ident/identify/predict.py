@@ -237,19 +237,19 @@ def setup_parameters(campaign: Campaign, frames: Frames | None) -> tuple[Paramet
 
 
 def frames_of(arm: Arm, campaign: Campaign, conditions: Conditions) -> Frames | None:
-    """Return where the campaign's frames are, or else seem to be first; None without setups.
+    """Return the campaign's measurement frames, known or estimated; None without frames.
 
-    What is not said of a frame is found from triads, what was read of one thing along three directions: the rotation
-    that turns them best into what the arm file expects of them (Kabsch, "A solution for the best rotation to relate
-    two sets of vectors", Acta Cryst. A32, 1976), and then the place. The fit goes on from there.
+    Unknown parts of a frame are estimated from triads, readings of one quantity along three directions: first the
+    rotation from the triads to the arm file's predictions (Kabsch, "A solution for the best rotation to relate two sets
+    of vectors", Acta Cryst. A32, 1976), then the origin. The fit starts from there.
 
     Args:
-        arm: as its file has it.
+        arm: as in its file.
         campaign: the measurements.
-        conditions: those of the campaign.
+        conditions: of the campaign.
 
     Raises:
-        InputError: triads that do not tell how a frame is turned, nor anything else.
+        InputError: neither triads nor other data determine a frame's orientation.
     """
     names = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
     if not names:
