@@ -1,4 +1,4 @@
-"""What a fit takes for granted: how far each assumption that is wrong would move each value, and what the data say."""
+"""Sensitivity of a fit to its assumptions: the shift of each value by each wrong assumption, and the evidence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,11 +28,11 @@ from ident.measure.kinds import SHAPES
 from ident.programs import RUNS_ONCE, jit
 
 Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
-"""The modes of the named and of the unnamed values, as `mode_choice` gives them."""
+"""The modes of the named and of the unnamed values, from `mode_choice`."""
 MANY = 64
-"""States above which one amount is changed after the other, for the memory that all of them together would take."""
+"""Number of states above which amounts are changed one after the other, to save memory."""
 LONG = 24
-"""Bushings above which that is done, too: an arm of 24 joints, cut at 49, would take 5 GB."""
+"""Number of bushings above which the same holds: an arm of 24 joints, cut at 49, would take 5 GB."""
 
 
 class Slopes(NamedTuple):
@@ -41,8 +41,8 @@ class Slopes(NamedTuple):
     Attributes:
         predicted: (D,) of the arm itself.
         bending, torsion: (H, D) by the compliance [rad/(N m)] of each hinge across its axis, and about it.
-        mass: (N, D) by ln(mass) of what each joint carries behind its pin, the inertia with it.
-        centre: (N, D) by the way of its mass centre along the link, as a share of its length.
+        mass: (N, D) by ln(mass) of the body behind each joint's pin, the inertia scaled with it.
+        centre: (N, D) by the displacement of its mass centre along the link, as a share of its length.
         servo: (N, D) by compliance in series with each joint's torsion, as a share of the joint's own.
     """
 
@@ -58,7 +58,7 @@ class Slopes(NamedTuple):
 def slopes(
     arm: Arm, cut: CutArm, conditions: Conditions, chosen: Float[Array | np.ndarray, "m R"] | None = None
 ) -> Slopes:
-    """Differentiate what a campaign would measure, exactly, by compliances at zero and by given numbers.
+    """Differentiate a campaign's predictions, exactly, by compliances at zero and by given numbers.
 
     A hinge of compliance c P, P a projector, turns by psi = -c P g, where g is the potential's gradient by psi. So,
     with H the Hessian of the arm without hinges, the static equilibrium moves by
@@ -69,14 +69,14 @@ def slopes(
 
         dl/dc = -m' P m + the change of v' (H - l M) v along the equilibrium's move.
 
-    A number x of the arm moves the equilibrium by -H^-1 d(grad V)/dx, and adds d(v' (H - l M) v)/dx. Nothing is solved
-    but the arm as it is, so hinges between which there is no mass do no harm.
+    A number x of the arm moves the equilibrium by -H^-1 d(grad V)/dx, and adds d(v' (H - l M) v)/dx. Only the original
+    arm is solved, so massless parts between hinges are allowed.
 
     Args:
-        arm: the arm as it was fitted.
+        arm: the fitted arm.
         cut: the same arm, cut at hinges.
-        conditions: those of the campaign.
-        chosen: one for the mode that each labelled value was taken for; by default as the labels alone have it.
+        conditions: of the campaign.
+        chosen: 1 for the mode of each labelled value; by default from the labels alone.
 
     References:
         Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964. For hinges: ours,
@@ -128,7 +128,7 @@ def slopes(
 
 
 slopes_once = jit(unwrap(slopes), RUNS_ONCE)
-"""The same, for a campaign that is not looked at in many parts."""
+"""The same, for a campaign that is not split into many parts."""
 
 
 def _of_mode(chain: Chain, phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, "S"]:
@@ -138,7 +138,7 @@ def _of_mode(chain: Chain, phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> F
 
 
 def _changed(cut: CutArm, amounts: Float[Array, "amounts"]) -> Arm:
-    """Change the masses, the mass centres and the torsion of the joints that the arm had before."""
+    """Change the masses, the mass centres and the torsion of the original arm's joints."""
     mass, centre, servo = jnp.split(amounts, 3)
     joints = list(cut.arm.joints)
     for j, place in enumerate(cut.own):
@@ -165,8 +165,8 @@ class Assumption:
 
     Attributes:
         kind: one of `hypotheses.KINDS`.
-        joint: name of the joint whose link or servo it is; empty for the base.
-        test: what the plausible amount would move, and whether the data ask for it.
+        joint: name of the joint with this link or servo; empty for the base.
+        test: shift by the plausible amount, and evidence for it in the data.
     """
 
     kind: str
@@ -180,7 +180,7 @@ class Assumptions:
 
     Attributes:
         items: each with its test.
-        height: [m] below bushing 1 at which a base is thought to give.
+        height: [m] assumed depth of the base's compliance below bushing 1.
     """
 
     items: tuple[Assumption, ...]
@@ -188,15 +188,15 @@ class Assumptions:
 
     @property
     def asked_for(self) -> tuple[Assumption, ...]:
-        """What the data ask for, most of all first."""
+        """Assumptions with significant evidence against them, the strongest first."""
         return tuple(self.items[place] for place in asked_for([item.test for item in self.items]))
 
 
 def assumptions(fit: Fit, posed: Posed) -> Assumptions:
-    """Say of each assumption of a fit how far its violation might move the answer, and what evidence the data give.
+    """Return for each assumption of a fit the shift of the answer by its violation, and the evidence in the data.
 
-    Shapes are left out, and rows with a servo on, where the arm has servos. An arm that has an undriven joint at its
-    foot or within a link assumes nothing there. What a discrepancy factor scales is scaled here as well.
+    Shapes are left out, as are rows with a servo on if the arm has servos. An arm with an undriven joint at its foot or
+    within a link assumes nothing there. Discrepancy factors apply here as well.
 
     Args:
         fit: of the campaign.
@@ -217,11 +217,11 @@ def assumptions(fit: Fit, posed: Posed) -> Assumptions:
 
 
 def _slopes(held: Matching | None, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
-    """Return how the campaign's predictions change; part by part where it is large."""
+    """Return the derivatives of the campaign's predictions, part by part if it is large."""
     parts, each = ArmModel(fitted, conditions).in_parts(), []
     differentiated = slopes if len(parts.models) > 1 else slopes_once
     for part, own in zip(parts.models, parts.split(held), strict=True):
-        # without the modes of motors that servos hold: the last where none is
+        # without the modes of motors on servos: the last ones where none is on
         chosen = None if own is None else np.asarray(own.place)[: fitted.degrees_of_freedom]
         each.append(jax.device_get(differentiated(fitted, pieces, part.conditions, chosen)))
     joined = [np.concatenate(columns, -1)[..., parts.places] for columns in zip(*each, strict=True)]
@@ -229,7 +229,7 @@ def _slopes(held: Matching | None, fitted: Arm, pieces: CutArm, conditions: Cond
 
 
 def _each(arm: Arm, pieces: CutArm, changed: Slopes) -> "list[tuple[tuple[str, str], Float[np.ndarray, 'D']]]":
-    """Return what is assumed, by kind and joint, with the change of the predictions by each share."""
+    """Return the assumptions, by kind and joint, with the change of the predictions by each share."""
     names = dict(zip(pieces.own, (joint.name for joint in arm.joints), strict=True))
     each: list[tuple[tuple[str, str], np.ndarray]] = []
     for hinge, bending, torsion in zip(pieces.hinges, changed.bending, changed.torsion, strict=True):
@@ -247,5 +247,5 @@ def _each(arm: Arm, pieces: CutArm, changed: Slopes) -> "list[tuple[tuple[str, s
 
 
 def of_kind(items: Sequence[Assumption], kind: str) -> tuple[Assumption, ...]:
-    """Return those of one kind."""
+    """Return the assumptions of one kind."""
     return tuple(item for item in items if item.kind == kind)

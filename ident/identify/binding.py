@@ -28,7 +28,7 @@ def check_references(arm: Arm, campaign: Campaign) -> None:
     named = [
         (m.kind, m.mode, m.point, m.reference_point, m.joint, m.load, m.reference_load, m.drives) for m in campaign
     ]
-    each = dict(zip(named, campaign, strict=True))  # rows that name the same are right or wrong together
+    each = dict(zip(named, campaign, strict=True))  # rows with the same names are right or wrong together
     wrong = {names for names, m in each.items() if next(_of_row(arm, m), None)}
     rows = (m for names, m in zip(named, campaign, strict=True) if names in wrong)
     problems = [problem for m in rows for problem in _of_row(arm, m)] + [*_of_states(arm, campaign)]
@@ -43,7 +43,7 @@ def check_references(arm: Arm, campaign: Campaign) -> None:
 
 
 def _of_row(arm: Arm, m: Measurement) -> Iterator[Problem]:
-    """Yield what a measurement names and the arm does not have."""
+    """Yield names in a measurement that the arm does not have."""
     points, joints = [point.name for point in arm.points], [joint.name for joint in arm.driven]
     named = ("point", m.point, points), ("reference_point", m.reference_point, points), ("joint", m.joint, joints)
     for column, name, known in named:
@@ -66,7 +66,7 @@ def _of_row(arm: Arm, m: Measurement) -> Iterator[Problem]:
 
 
 def _of_states(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
-    """Yield states with more frequencies than the arm has modes: each without a label is of another mode."""
+    """Yield states with more frequencies than the arm has modes: each unlabelled one belongs to another mode."""
     states: dict[tuple[tuple[float, ...], Load, str], list[Measurement]] = {}
     for m in campaign.of_kind("frequency"):
         states.setdefault((m.posture, m.load, m.drives), []).append(m)
@@ -83,7 +83,7 @@ def _of_states(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
 
 
 def _count(arm: Arm, drives: str) -> int:
-    """Return the number of modes: with a servo on, the motors have theirs."""
+    """Return the number of modes, including those of the motors with a servo on."""
     return arm.degrees_of_freedom + (len(arm.servos) if drives == "servo" else 0)
 
 
@@ -105,7 +105,7 @@ def _unknown(where: str, column: str, name: str, known: list[str]) -> Problem:
 
 
 # -------- Loads
-# Load cases as the arm's equations need them: what hangs on which point, and which forces act in the base frame.
+# Load cases for the arm's equations: masses on points, and forces in the base frame.
 
 
 def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:

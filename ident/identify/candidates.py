@@ -126,7 +126,7 @@ def distinct_predictions(
         arm: the arm.
         parameters: the unknowns.
         points: where they may lie; the first is the best estimate.
-        postures: to choose from, those that were measured among them.
+        postures: to choose from, including the measured ones.
         measured: postures that stand for those equivalent to them.
         loads: the load cases, batch (L).
         modes: number of frequencies.
@@ -307,8 +307,7 @@ def sigmas(predictions: CandidatePredictions, instruments: Instruments) -> Float
 def counted_modes(predictions: CandidatePredictions) -> tuple[Bool[np.ndarray, "m G L T"], Bool[np.ndarray, "m G L T"]]:
     """Return which frequencies count without and with a second accelerometer.
 
-    Without one, those that no neighbour is so close to that their order is in doubt. With one, those too whose label
-    is clear.
+    Without one, those whose neighbours are far enough for a certain order. With one, also those with a clear label.
     """
     apart = predictions.gap >= CLOSE
     return apart, apart | predictions.named
@@ -377,18 +376,18 @@ def main_joints(postures: Float[np.ndarray, "G joints"], gain: Float[np.ndarray,
 
 
 # -------- Sensor places
-# Where to put accelerometers and where to hit, so that the modes of a hammer test are excited and told apart.
+# Places of accelerometers and hits at which a hammer test excites and separates the modes.
 
 ALIKE = 0.9
-"""Auto-MAC from which on two modes move alike where it is measured."""
+"""Auto-MAC above which two modes look alike at the measured places."""
 MOVES = 0.05
-"""Motion at the places below which a mode is not seen there, as a share of its largest one anywhere."""
+"""Motion at the places, as a share of the mode's largest motion, below which the mode is not observable."""
 HIT = 0.1
-"""The same below which a hit does not excite it."""
+"""The same limit below which a hit does not excite the mode."""
 FEWEST, PLACES_MOST = 5, 20
 """Hits at a place: from five on their scatter says what the covariance is; more than twenty are not made."""
 APART = 6.0
-"""Standard deviations of a shape by which two modes are to differ: three for each."""
+"""Least difference of two modes in standard deviations of a shape: three for each."""
 TRIED = 20000
 """Sets of places that are all tried."""
 
@@ -455,7 +454,7 @@ def hammer_plans(
 
 
 def with_pins(arm: Arm) -> Arm:
-    """Return the arm with the pin of each joint as a point beside its own, the end point last."""
+    """Return the arm with the pin of each joint as a further point, the end point last."""
     own = {point.name for point in arm.points}
     pins = [Point(j.name, j.name, (0.0, 0.0, 0.0)) for j in arm.joints if j.name not in own]
     return eqx.tree_at(lambda a: a.points, arm, (*pins, *arm.points))

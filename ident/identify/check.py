@@ -1,4 +1,4 @@
-"""All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
+"""Check of a campaign before any fit, in one call: from an arm and a campaign to a check."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -27,25 +27,24 @@ if TYPE_CHECKING:
 
 
 # -------- Curved
-# Whether a campaign can tell a curved spring from a straight one, and how it is loaded while it is measured.
+# Whether a campaign can distinguish a nonlinear spring from a linear one, and the spring's load during measurements.
 
 TOLD_APART = 3.84
-"""Chi-squared that a straight spring must cost, for the data to tell: the 95 % limit of one number."""
+"""Least chi-squared of a linear spring for the data to distinguish it: the 95 % limit for one degree of freedom."""
 UNLOADED = 0.1
 """Share of T1 below which a spring counts as unloaded; assumed."""
 
 
 @dataclass(frozen=True)
 class SpringCheck:
-    """What a campaign can tell of one curved spring, at the numbers of the arm file.
+    """Sensitivity of a campaign to one nonlinear spring, at the numbers of the arm file.
 
     Attributes:
         spring: its name.
-        chi_squared: what exact data of this arm would cost at best, were the spring straight; NaN where no arm with a
-            straight one stands.
-        torque1: [N m] T1; NaN of a cubic spring.
-        at_rest: [N m] least and largest load in the states in which deflections, rotations and twists were read.
-        vibrating: [N m] likewise where modes were measured; NaN without any.
+        chi_squared: least cost of exact data of this arm with the spring made linear; NaN if no such arm is stable.
+        torque1: [N m] T1; NaN for a cubic spring.
+        at_rest: [N m] least and largest load in the states with deflections, rotations and twists.
+        vibrating: [N m] likewise in the states with modes; NaN without any.
     """
 
     spring: str
@@ -56,20 +55,20 @@ class SpringCheck:
 
     @property
     def told(self) -> bool:
-        """Whether the data can tell it from a straight one."""
+        """Whether the data can distinguish it from a linear spring."""
         return self.chi_squared > TOLD_APART or math.isnan(self.chi_squared)
 
     @property
     def unloaded(self) -> bool:
-        """Whether modes were measured only where the spring carries next to nothing."""
+        """Whether modes were measured only with the spring practically unloaded."""
         return self.vibrating[1] < UNLOADED * self.torque1
 
 
 def check_springs(posed: Posed, unknowns: Unknowns | None = None) -> tuple[SpringCheck, ...]:
-    """Look at each curved spring of an arm with the eyes of a campaign.
+    """Return the sensitivity of a campaign to each nonlinear spring of an arm.
 
-    Data as the arm file predicts them are fitted with the spring made straight, its own numbers kept and all other
-    unknowns free: what that costs is what the data could tell, if they came out as expected.
+    Data predicted by the arm file are fitted with the spring made linear, its own numbers fixed and all other unknowns
+    free: the cost measures how well data as expected would show the nonlinearity.
     """
     arm, campaign, conditions = posed.arm, posed.campaign, posed.conditions
     if not arm.springs:
@@ -115,19 +114,19 @@ def _ends(loads: Float[np.ndarray, "states"]) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignCheck(Check):
-    """What a campaign can tell about an arm, before any solving.
+    """Check of a campaign for an arm, before any fit.
 
     Attributes:
         arm: with the numbers of its file.
-        campaign: what was measured.
-        consistency: the data among themselves; None where the model has no answer at the start.
+        campaign: the measurements.
+        consistency: of the data with each other; None where the model has no solution at the start.
         cross_predictions: each kind of measurement against the others, by fits from a few starts.
-        labels: measurements whose mode is not sure.
-        changing: at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
-        springs: the curved springs of the arm, with the eyes of the campaign.
-        repeats: pairs of rows that measured the same and contradict each other; refused unless one is trusted.
-        ramps: those of the campaign, and how well it would tell the widths of their loops.
-        explanations: what would reconcile the data, see `ident.identify.explanations`; None where that was not asked.
+        labels: measurements with an uncertain mode.
+        changing: share of points within the prior at which each row's label is ambiguous, or has no mode; if any.
+        springs: sensitivity to each nonlinear spring of the arm.
+        repeats: pairs of repeated rows that contradict each other; refused unless one is trusted.
+        ramps: of the campaign, and how well it would determine their hysteresis widths.
+        explanations: of contradictory data, see `ident.identify.explanations`; None if not requested.
     """
 
     arm: Arm
@@ -150,18 +149,18 @@ class CampaignCheck(Check):
 def check_campaign(
     arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None, *, seed: int = 0, trusted: Collection[str] = ()
 ) -> CampaignCheck:
-    """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
+    """Check what a campaign determines of joint stiffnesses and other freed numbers, before any fit.
 
     Args:
-        arm: its stiffnesses are where the model is linearised.
+        arm: the model is linearised at its stiffnesses.
         campaign: the measurements.
-        unknowns: what is unknown, and its priors.
-        seed: of the further points that are tried.
-        trusted: rows whose values are right though implausible, or contradict a repeat, see `check_values`.
+        unknowns: with their priors.
+        seed: of the further points.
+        trusted: rows with correct though implausible values, or that contradict a repeat, see `check_values`.
 
     Raises:
-        InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
-            repeats; a campaign that says nothing of any unknown.
+        InputError: campaign and arm, or the named parameters, do not match; implausible values; contradictory repeats;
+            a campaign without information on any unknown.
     """
     unknowns = unknowns or Unknowns()
     posed = pose(arm, campaign, unknowns)

@@ -27,10 +27,10 @@ from ident.text import no_such
 
 @dataclass(frozen=True)
 class Posterior:
-    """Draws of an arm's stiffnesses whose measurements are not at hand: another program has sampled them.
+    """Draws of an arm's stiffnesses without the measurements: another program has sampled them.
 
     Attributes:
-        name: what they are called.
+        name: of the draws.
         values: (n,) [SI] of each stiffness, by path.
     """
 
@@ -40,14 +40,14 @@ class Posterior:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two fits of one arm, and what has changed from the first to the second.
+    """Two fits of one arm, and the changes from the first to the second.
 
     Attributes:
         first: the earlier fit, or draws without one.
         second: the later one.
-        change: of the stiffnesses, both campaigns fitted together; of draws, as if they had nothing in common.
+        change: of the stiffnesses, both campaigns fitted together; draws count as independent.
         unlike: numbers of the arm, not fitted, that differ between the two arm files.
-        priors_differ: whether the fits have other priors; those of the first count.
+        priors_differ: whether the fits have different priors; those of the first count.
     """
 
     first: CampaignFit | Posterior
@@ -58,12 +58,12 @@ class Comparison:
 
     @property
     def fits(self) -> tuple[CampaignFit, ...]:
-        """Those of the two that are fits."""
+        """The fits among the two."""
         return tuple(each for each in (self.first, self.second) if isinstance(each, CampaignFit))
 
     @property
     def independent(self) -> bool:
-        """Whether both count as if they had nothing in common, since measurements of one are not at hand."""
+        """Whether both count as independent, as the measurements of one are unavailable."""
         return len(self.fits) < 2
 
     @property
@@ -75,9 +75,9 @@ class Comparison:
 
     @property
     def damping(self) -> tuple[int, float, float] | None:
-        """Modes whose ratios count in both campaigns, their mean change of ln(ratio) and its standard deviation.
+        """Number of modes with ratios in both campaigns, mean change of ln(ratio), and its standard deviation.
 
-        None where a campaign has no damping ratio. It is not part of the verdict.
+        None if a campaign has no damping ratio. It is not part of the verdict.
         """
         pair = [fit.damping for fit in self.fits if fit.damping]
         if len(pair) < 2:
@@ -92,24 +92,24 @@ class Comparison:
 
     @property
     def name(self) -> str:
-        """Both names; one where they are the same."""
+        """Both names; a single one if they are equal."""
         return "-".join(dict.fromkeys(self.names))
 
 
 def compare_posteriors(
     first: CampaignFit | Posterior, second: CampaignFit | Posterior, same: Collection[str] = ()
 ) -> Comparison:
-    """Return which stiffnesses have changed where the measurements of one or both are not at hand.
+    """Return which stiffnesses have changed, without the measurements of one or both.
 
     The logarithms of the stiffnesses are taken as normal, and both estimates as independent.
 
     Args:
         first: the earlier fit, or draws.
         second: the later one.
-        same: stiffnesses that are left out: they are known not to have changed.
+        same: stiffnesses to leave out, as they are known not to have changed.
 
     Raises:
-        InputError: no stiffness that both have, or a name that is none of them.
+        InputError: no common stiffness, or a name that is not one of them.
     """
     ours, theirs = (_estimates(each) for each in (first, second))
     changing = _changing([name for name in ours if name in theirs], same)
@@ -118,7 +118,7 @@ def compare_posteriors(
 
 
 def _estimates(each: CampaignFit | Posterior) -> list[str]:
-    """Return the stiffnesses that are known."""
+    """Return the names of the estimated stiffnesses."""
     if isinstance(each, Posterior):
         return list(each.values)
     own = set(stiffness_paths(each.arm))
@@ -126,7 +126,7 @@ def _estimates(each: CampaignFit | Posterior) -> list[str]:
 
 
 def _estimate(each: CampaignFit | Posterior, names: Sequence[str]) -> Estimate:
-    """Return what is known of some stiffnesses."""
+    """Return the estimate of some stiffnesses."""
     if isinstance(each, Posterior):
         logs = np.log([each.values[name] for name in names])
         return Estimate(logs.mean(1), np.atleast_2d(np.cov(logs)))
@@ -143,7 +143,7 @@ def compare_fits(first: CampaignFit, second: CampaignFit, same: Collection[str] 
         same: stiffnesses that are known not to have changed.
 
     Raises:
-        InputError: no stiffness that both have fitted, or a name that is none of them.
+        InputError: no stiffness fitted in both, or a name that is not one of them.
     """
     stiffnesses = set(stiffness_paths(first.arm))
     others = {item.paths for item in second.problem.parameters.items}  # tied alike
@@ -163,7 +163,7 @@ def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
     """Return the stiffnesses of both that may have changed.
 
     Raises:
-        InputError: there is none, or one that is known not to have changed is none of them.
+        InputError: there is none, or a name in `same` is not one of them.
     """
     if unknown := [name for name in same if name not in names]:
         raise no_such("same", unknown[0], names, "name one of them")
@@ -175,7 +175,7 @@ def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
 
 
 # -------- Sample
-# The posterior of an arm's campaign, with the fit that it started from.
+# The posterior of an arm's campaign, with its starting fit.
 
 
 @dataclass(frozen=True)
@@ -185,8 +185,8 @@ class CampaignSample:
     Attributes:
         fitted: the fit, arm and campaign with it.
         sample: the draws.
-        posterior_predictive: data as the draws about the best optimum have them.
-        weights: shares of the optima; None for a single one, or where they are unknown.
+        posterior_predictive: data predicted by the draws about the best optimum.
+        weights: shares of the optima; None for a single one, or if they are unknown.
     """
 
     fitted: CampaignFit
@@ -196,7 +196,7 @@ class CampaignSample:
 
     @cached_property
     def damping(self) -> dict[tuple[str, ...], Float[np.ndarray, "chains draws"]]:
-        """Damping given stiffness, one draw for each, by the paths of the numbers that an arm file has a place for."""
+        """Damping given stiffness, one draw for each draw, by the paths of damping numbers in an arm file."""
         if self.fitted.damping is None:
             return {}
         by_chain, names = self.sample.by_chain().values, self.sample.posterior.parameters.items
@@ -207,12 +207,12 @@ class CampaignSample:
 
     @property
     def withheld(self) -> tuple[str, ...]:
-        """Why no interval should be quoted: the fit's doubts, but where the sizes of the sigmas are inferred."""
+        """Objections that suppress intervals: the fit's warnings, unless the sizes of the sigmas are inferred."""
         return () if self.sample.posterior.noise.items else self.fitted.doubts
 
     @property
     def trust(self) -> dict[str, Any]:
-        """What the chains say of themselves, and the shares of the optima, as plain data."""
+        """Diagnosis of the chains, and the shares of the optima, as plain data."""
         return {
             "doubts": list(self.withheld),
             "optima": list(self.sample.basins),
@@ -235,12 +235,12 @@ def sample_campaign(
     """Sample the posterior of a fitted campaign.
 
     Args:
-        fitted: from `fit_campaign`; its problem is what is sampled.
-        settings: how; the threads are chosen here.
-        noise: kinds of measurement whose sigma is known up to a factor only.
+        fitted: from `fit_campaign`; its problem is sampled.
+        settings: of the sampler; the number of threads is chosen here.
+        noise: kinds of measurement whose sigma is known only up to a factor.
         weights: weigh several optima against each other, by nested sampling.
-        folder: where checkpoints go; None for none.
-        provenance: what else must be equal for a checkpoint to be gone on with.
+        folder: for checkpoints; None for none.
+        provenance: further conditions that must be equal to continue from a checkpoint.
         progress: wraps the numbers of the blocks, to show a bar.
 
     Raises:
@@ -248,7 +248,7 @@ def sample_campaign(
         ModelError: see `sample`.
     """
     target = posterior(fitted.problem, noise)
-    # poles call LAPACK, which must not run twice at the same time under jax 0.10
+    # poles call LAPACK, which must not run concurrently under jax 0.10
     damped = fitted.posed.conditions.damped
     settings = replace(settings, threads=1 if damped else min(cores(), settings.ensembles))
     if weights:
@@ -259,27 +259,26 @@ def sample_campaign(
 
 
 # -------- Validate
-# How far a fitted arm may be trusted where it was not measured: parts of a campaign, predicted by the rest of it.
+# Cross-validation of a fitted arm: parts of a campaign, predicted by the rest of it.
 
 LEAVE = ("posture", "kind", "row", "fraction")
-"""What may be left out at a time."""
+"""Units of cross-validation: left out one at a time."""
 FOLDS = 5
-"""Parts of a campaign of which one is left out at a time, chosen at random, for `fraction`;
-as is usual for cross-validation."""
+"""Random parts of a campaign for `fraction`, left out one at a time; usual for cross-validation."""
 LEVEL = 0.95
-"""Share of measurements like these that a scope shall hold."""
+"""Share of measurements like these that a scope should contain."""
 
 
 @dataclass(frozen=True)
 class Scope:
-    """How well one kind of measurement is predicted where it was not measured.
+    """Prediction error of one kind of measurement in cross-validation.
 
     Attributes:
         kind: of measurement.
-        folds: parts that were left out and have such a measurement.
+        folds: left-out parts with such a measurement.
         count: measurements of the kind in them.
-        rms: [-] root mean square of the prediction errors, relative to the measured value; [SI] where it is absolute.
-        seen: [-] or [SI] half of the interval that holds 95 % of them: t of so many folds, times rms.
+        rms: [-] rms prediction error, relative to the measured value; [SI] if it is absolute.
+        seen: [-] or [SI] half-width of the interval with 95 % of the errors: Student's t for the folds, times rms.
         expected: [-] or [SI] the same by the model's own standard deviations.
     """
 
@@ -292,18 +291,18 @@ class Scope:
 
     @property
     def half(self) -> float:
-        """Half of the interval that may be stated: the larger of both, so that luck with few parts does not count."""
+        """Half-width to report: the larger of both, so that luck with few parts does not count."""
         return max(self.seen, self.expected)
 
 
 @dataclass(frozen=True)
 class Validation:
-    """A fit, and what it predicts of each part of its campaign when that is left out.
+    """A fit, and the prediction of each part of its campaign from the rest.
 
     Attributes:
         fit: to the whole campaign.
-        leave: what was left out at a time.
-        parts: what was left out, and its prediction.
+        leave: unit of cross-validation.
+        parts: each left-out part, with its prediction.
     """
 
     fit: CampaignFit
@@ -312,24 +311,24 @@ class Validation:
 
     @property
     def told(self) -> tuple[HeldOut, ...]:
-        """The parts that the others predict."""
+        """The parts for which the others determine a prediction."""
         return tuple(part for part in self.parts if part.told)
 
     @property
     def missed(self) -> tuple[HeldOut, ...]:
-        """The parts that lie too far from their prediction, for so many of them."""
+        """The parts too far from their prediction, corrected for their number."""
         told = self.told
         far = rare([part.p_value for part in told])
         return tuple(part for part, too_far in zip(told, far, strict=True) if too_far)
 
     @property
     def z(self) -> np.ndarray:
-        """(n,) how far each measurement that is predicted lies from its prediction, in standard deviations."""
+        """(n,) distance of each measurement from its prediction, in standard deviations."""
         return np.concatenate([part.off / part.sd for part in self.told]) if self.told else np.empty(0)
 
     @property
     def covered(self) -> int:
-        """Measurements in the 95 % interval of their prediction."""
+        """Number of measurements in the 95 % interval of their prediction."""
         return int((np.abs(self.z) < half_width(LEVEL)).sum())
 
     @cached_property
@@ -340,12 +339,12 @@ class Validation:
 
     @property
     def scopes(self) -> tuple[Scope, ...]:
-        """How well each kind of measurement is predicted."""
+        """Prediction error of each kind of measurement."""
         kinds = dict.fromkeys(m.kind for m in self.fit.campaign)
         return tuple(scope for kind in kinds if (scope := self.scope(kind)))
 
     def scope(self, kind: str, *, relative: bool = True) -> Scope | None:
-        """Return how well a kind of measurement is predicted, relative to the values or in SI; None if no part is."""
+        """Return the prediction error of a kind of measurement, relative or in SI; None without a predicted part."""
         from scipy.stats import t
 
         of_kind = np.array([m.kind == kind for m in self.fit.campaign])
@@ -365,12 +364,12 @@ class Validation:
 
 
 def validate_fit(fit: CampaignFit, leave: str = "posture", seed: int = 0, progress: Progress = iter) -> Validation:
-    """Leave out each part of a campaign in turn, fit the arm to the rest, and predict what was left out.
+    """Cross-validate: leave out each part of a campaign in turn, fit the arm to the rest, and predict the part.
 
     Args:
         fit: to the whole campaign.
         leave: `posture`, `kind`, `row` or `fraction`; a part is left out whole.
-        seed: of the parts that are chosen at random.
+        seed: of randomly chosen parts.
         progress: wraps the numbers of the parts, to show a bar.
 
     Raises:
@@ -384,7 +383,7 @@ def validate_fit(fit: CampaignFit, leave: str = "posture", seed: int = 0, progre
 
 
 def parts_of(campaign: Campaign, leave: str, seed: int = 0) -> Mapping[str, list[int]]:
-    """Return the places of the measurements in each part of a campaign, by the part's name."""
+    """Return the indices of the measurements in each part of a campaign, by the part's name."""
     if leave not in LEAVE:
         raise no_such("leave", leave, LEAVE, "")
     count, parts = len(campaign), dict[str, list[int]]()

@@ -1,15 +1,15 @@
-"""A campaign bound to an arm: under which conditions each value was measured, as arrays.
+"""A campaign bound to an arm: the conditions of each measured value, as arrays.
 
-Hysteresis: by how much an arm, its load let down, stays behind what it was on the way up.
+Hysteresis: the lag of an arm's deflection while unloading, compared with loading.
 
-Friction in a drive and play in a bearing make readings depend on the way by which a load was reached. What rows of one
-loop read, up and back, is taken to lie half its width to either side of what springs alone would give,
+Friction in a drive and play in a bearing make readings depend on the loading path. The readings of one loop are assumed
+to lie half its width to either side of the elastic deflection,
 
     read = springs -/+ width / 2,   - while loading, + while unloading,
 
-the width the same at all loads of the ramp. It is an unknown of its own, without a prior: rows of both ways determine
-stiffnesses by their middle, and the width by what they differ by. Where it is not the same at all loads, as towards the
-turning points of a ramp, data and model contradict each other.
+with the same width at all loads of the ramp. The width is an unknown of its own, without a prior: rows of both branches
+determine stiffnesses by their mean, and the width by their difference. Where the width varies with the load, as near
+the turning points of a ramp, data and model contradict each other.
 
 References:
     The loop in the torsion of harmonic drives, and its width: Tuttle, Seering, "A nonlinear model of a harmonic drive
@@ -198,7 +198,7 @@ def repeats(order: Int[np.ndarray, D], first: Int[np.ndarray, V]) -> Repeats:
 def shared_error(
     order: Int[np.ndarray, D], sigma: Float[np.ndarray, D], resolution: Float[np.ndarray, D]
 ) -> Float[np.ndarray, D]:
-    """Return standard deviations by which the mean of repeated readings is as sure as it is.
+    """Return standard deviations that give the mean of repeated readings its correct uncertainty.
 
     Readings of one value share the error of the display's steps r, so that their mean has the variance
 
@@ -303,7 +303,7 @@ def read_shapes(
     states: Int[AnyArray, n],
     chosen: Float[AnyArray, "m n *batch"],
 ) -> Float[Array, n * batch]:
-    """Return what is read of the chosen modes' shapes [-]; NaN where none is chosen.
+    """Return the readings of the chosen modes' shapes [-]; NaN without a chosen mode.
 
     Args:
         chain: in all states, batch (S, *batch).
@@ -482,7 +482,7 @@ class Conditions(eqx.Module):
 
     @property
     def count(self) -> int:
-        """Number of values, each of which one or several rows measured."""
+        """Number of values, each measured by one or several rows."""
         return len(self.named.states) + len(self.unnamed.states) + len(self.readings.states)
 
 

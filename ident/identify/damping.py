@@ -1,17 +1,18 @@
-"""Damping given stiffness: the law that measured damping ratios follow, its numbers, and what no law explains.
+"""Damping given stiffness: the law that measured damping ratios follow, its parameters, and the unexplained scatter.
 
-The second stage of a fit. Frequencies and statics decide the stiffnesses, damping ratios decide the damping: a cut
-posterior, in which no misfit of a ratio moves a stiffness. A light mode v, mass-normalised, of angular frequency w has
+The second stage of a fit. Frequencies and statics determine the stiffnesses, damping ratios the damping: a cut
+posterior, in which no misfit of a ratio moves a stiffness. A lightly damped, mass-normalised mode v with the angular
+frequency w has
 
     zeta = sum_b (tau_b / 2w + eta_b / 2w^2) v' K_b v + alpha / 2w,
 
 with the damping times tau, loss factors eta and stiffness matrices K_b of the bushings, and damping alpha M. It is
-linear in numbers that are never negative. What was measured of mode m at posture p is
+linear in numbers that are never negative. The measured ratio of mode m at posture p is
 
     ln(zeta measured) = ln(zeta) + b_m + b_mp + e,    var b_m = rho s^2,    var b_mp = (1 - rho) s^2,
 
-e as the row's sigma says. So s is what the law does not explain: by so much the ratio of a mode that was not measured
-may be off.
+with e by the row's sigma. So s is the scatter that the law does not explain: the prediction error of the ratio of a
+mode without measurement.
 
 References:
     Plummer, "Cuts in Bayesian graphical models", Stat. Comput. 25, 2015. Liu, Bayarri, Berger, "Modularization in
@@ -48,35 +49,35 @@ from ident.programs import in_batches, jit
 Groups = tuple[tuple[str, ...], ...]
 """Numbers of a law, each with the paths that share it."""
 Place = tuple[int, int]
-"""Of a share in `OF_MODE` and a scatter in `SCATTERS`."""
+"""Indices of a share in `OF_MODE` and of a scatter in `SCATTERS`."""
 
 RATIO = "damping_ratio"
 TOLD_APART = 6.0
-"""Difference of BIC from which a law counts as the better one."""
+"""Difference of BIC from which a law counts as better."""
 SCATTERS = np.concatenate([[0.0], np.geomspace(0.003, 3.0, 61)])
-"""Scatter s of ln(ratio) that is tried: from less than any ratio is measured to, to a factor of 20."""
+"""Trial values of the scatter s of ln(ratio): from below any measurement accuracy to a factor of 20."""
 START_SCATTER = 0.1
 OF_MODE = np.array([0.0, 0.5, 1.0])
-"""Share rho of its square that a mode keeps at all postures."""
+"""Share rho of its variance that is common to a mode at all postures."""
 PRIOR = np.where(SCATTERS > 0, 0.5 / (len(SCATTERS) - 1), 0.5)
-"""Prior weight of each scatter: as likely none as any, uniform in its logarithm; assumed."""
+"""Prior weight of each scatter: half for none, half uniform in its logarithm; assumed."""
 STEPS, SETTLED = 40, 1e-10
-"""Steps of least squares at most; the change of their cost, relative to one plus it, at which they end."""
+"""Most steps of least squares; change of cost, relative to 1 + cost, at which they end."""
 LEAST = 1e-9
-"""Least damping ratio that is predicted, so that it has a logarithm."""
+"""Least predicted damping ratio, so that it has a logarithm."""
 PARTNER_SD, ANY_SD = 0.01, 1e6
-"""Relative sd at least with which a mode's measured frequency helps to tell which mode a ratio is of, assumed; and
+"""Relative sd of a mode's frequency in matching a ratio to its mode: at least with a measured frequency, assumed; and
 without one."""
 EXACTLY = 2
-"""Times that the ratios of light modes are made those of the poles."""
+"""Iterations from the ratios of lightly damped modes to those of the poles."""
 COUPLED = 3.0
-"""Factor by which the ratio of a pole may differ from that of a light mode; beyond, its mode has no such pole."""
+"""Largest factor between the ratio of a pole and that of the lightly damped mode; beyond it they do not correspond."""
 MARKED, SUSPECTS = 0.01, 3
-"""Chance that a right campaign has a row marked; rows farthest off that are predicted from the others."""
+"""Probability of a marked row in a correct campaign; number of worst rows to predict from the others."""
 CHUNK = 256
 """Draws of an arm whose modes are computed at once."""
 DRAWS = 2000
-"""Draws of which an interval is made."""
+"""Draws for an interval."""
 
 # -------- Modes
 
@@ -111,7 +112,7 @@ class ModesOfRows(NamedTuple):
     Attributes:
         arm, conditions: in one of few sizes.
         quotients: of the rows of these, see `_quotients`.
-        places: (D,) of each row among those of the conditions.
+        places: (D,) index of each row among those of the conditions.
     """
 
     arm: Arm
@@ -123,7 +124,7 @@ class ModesOfRows(NamedTuple):
     def of(
         cls, model: ArmModel, parameters: Mapping[str, Any], rows: Iterable[Measurement], others: Iterable[Measurement]
     ) -> "ModesOfRows":
-        """Return those of an arm with these numbers; a frequency of the same label and state helps to find them."""
+        """Return the modes of an arm with these numbers; a frequency of the same label and state helps the matching."""
         known = {mode_of(m): m for m in others if m.kind == "frequency"}
         blank: dict[str, Any] = {"kind": "frequency", "of": None, "group": "", "unit": "", "resolution": 0.0}
         twins = []
@@ -136,7 +137,7 @@ class ModesOfRows(NamedTuple):
         return cls(arm, conditions, _quotients(arm, conditions, data), places)
 
     def columns(self) -> tuple[Float[np.ndarray, "D *draws"], dict[str, Float[np.ndarray, "D *draws"]]]:
-        """Return the frequency [Hz] of each mode, and its ratio by a unit of each damping number."""
+        """Return the frequency [Hz] of each mode, and its ratio per unit of each damping number."""
         omega, *energy = map(np.asarray, self.quotients[1:])
         omega, energy = omega[self.places], [x[:, self.places] for x in energy]
         columns = {ALPHA: 1 / (2 * omega)}
@@ -154,17 +155,17 @@ class ModesOfRows(NamedTuple):
 
 
 def mode_of(m: Measurement) -> tuple[object, ...]:
-    """Return what tells which mode a row is of: state and label."""
+    """Return the key of a row's mode: state and label."""
     return m.posture, m.load, m.drives, m.mode
 
 
 def gives(joint: Joint, field: str) -> bool:
-    """Tell whether a joint's bushing gives in the direction of a damping number, and so loses there."""
+    """Whether a joint's bushing is compliant in the direction of a damping number, and so dissipates there."""
     return getattr(joint, f"k_{field.partition('_')[2]}") is not None
 
 
 def damped(arm: Arm, damping: Mapping[str, float]) -> Arm:
-    """Return an arm with this damping of its bushings, by their servos, and in proportion to mass, and no other."""
+    """Return an arm with exactly this damping: of bushings, of servos, and in proportion to mass."""
 
     def joint(each: Any) -> Any:
         fields = [field for field in (*DAMPING, *LOSS) if gives(each, field)]
@@ -179,11 +180,11 @@ def damped(arm: Arm, damping: Mapping[str, float]) -> Arm:
 
 @dataclass(frozen=True)
 class Poles:
-    """What the fit of the stiffnesses takes of the damping, for frequencies and shapes of damped modes.
+    """Damping used in the fit of the stiffnesses, for frequencies and shapes of damped modes.
 
     Attributes:
         numbers: damping by path; none for the arm file's.
-        apart: (D,) [SI] difference of each row between laws that the data cannot tell apart; it adds to its sigma.
+        apart: (D,) [SI] difference of each row between laws that the data cannot separate; it adds to its sigma.
     """
 
     numbers: Mapping[str, float] = field(default_factory=dict)
@@ -198,12 +199,12 @@ class Poles:
 
 
 class Ratios(NamedTuple):
-    """Measured ratios as a law is fitted to them.
+    """Measured ratios, prepared for the fit of a law.
 
     Attributes:
-        log: (D,) ln(ratio), as is expected given the errors of the frequencies.
+        log: (D,) ln(ratio), corrected for the errors of the frequencies.
         covariance: (D, D) of its errors, given those of the frequencies.
-        mode: (D,) number of the mode that each is of: a label is one mode at all postures.
+        mode: (D,) mode number of each: a label is one mode at all postures.
         place: (D,) number of the mode at its posture.
     """
 
@@ -217,20 +218,20 @@ class Ratios(NamedTuple):
         return Ratios(self.log[rows], self.covariance[rows][:, rows], self.mode[rows], self.place[rows])
 
     def shared(self, other: "Ratios", at: Place) -> Float[np.ndarray, "D E"]:
-        """Return the covariance of what modes have beside the law."""
+        """Return the covariance of the modes' deviations from the law."""
         same = (np.equal.outer(getattr(self, of), getattr(other, of)) for of in ("place", "mode"))
         return SCATTERS[at[1]] ** 2 * ((1 - OF_MODE[at[0]]) * next(same) + OF_MODE[at[0]] * next(same))
 
 
 def ratios_of(campaign: Campaign, off: Float[np.ndarray, "n"]) -> Ratios:
-    """Return the damping ratios of a campaign, given what its other rows are off by.
+    """Return the damping ratios of a campaign, given the residuals of its other rows.
 
     The errors of rows in a group are correlated. Those of its frequencies are known from the fit of the stiffnesses,
-    and move what is expected of a ratio by C21 C11^-1 r1; C22 - C21 C11^-1 C12 is left.
+    and shift the expected ratio by C21 C11^-1 r1, with the covariance C22 - C21 C11^-1 C12.
 
     Args:
-        campaign: all of its rows.
-        off: (n,) measured less predicted, in sigma, of its rows that are no ratios.
+        campaign: with all rows.
+        off: (n,) measured less predicted, in sigma, of the rows that are not ratios.
     """
     ours, own = np.array([m.kind == RATIO for m in campaign]), [*campaign.of_kind(RATIO)]
     R, z, shift = np.eye(len(ours)), np.zeros(len(ours)), np.zeros(len(ours))
@@ -248,7 +249,7 @@ def ratios_of(campaign: Campaign, off: Float[np.ndarray, "n"]) -> Ratios:
 
 
 def _numbers(rows: Sequence[Measurement]) -> tuple[Int[np.ndarray, "D"], ...]:
-    """Return the number of the mode that each row is of, and of the mode at its posture."""
+    """Return the mode number of each row, and the number of the mode at its posture."""
     each: tuple[list[Any], ...] = [m.mode for m in rows], [*map(mode_of, rows)]
     return tuple(np.array([*map(keys.index, keys)], int) for keys in each)
 
@@ -258,12 +259,12 @@ def _numbers(rows: Sequence[Measurement]) -> tuple[Int[np.ndarray, "D"], ...]:
 
 @dataclass(frozen=True)
 class Law:
-    """One law of damping, as the data have it.
+    """One law of damping, fitted to the data.
 
     Attributes:
         groups: its numbers, each with the paths that share it.
         values: (k,) [s, -, or 1/s] of each.
-        scatter: s of ln(ratio), which the law does not explain.
+        scatter: unexplained scatter s of ln(ratio).
         bic: Schwarz's criterion.
         weights: (3, G) posterior weight of each share in `OF_MODE` and scatter in `SCATTERS`.
     """
@@ -276,22 +277,22 @@ class Law:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The damping by path, ties spelled out; without what is zero."""
+        """The damping by path, ties spelled out, without zeros."""
         pairs = zip(self.groups, self.values.tolist(), strict=True)
         return {path: value for group, value in pairs for path in group if value > 0}
 
     @property
     def family(self) -> frozenset[str]:
-        """How the ratio goes with frequency: `tau` grows, `loss` is constant, `alpha` falls; several for a sum.
+        """Trend of the ratio with frequency: `tau` grows, `loss` is constant, `alpha` falls; several for a sum.
 
-        What servos lose is no matter of the law.
+        The damping of servos does not matter here.
         """
         words = {path.rpartition(".")[2].partition("_")[0] for path in self.numbers if not path.endswith(".tau")}
         return frozenset(words)
 
 
 def _candidates(arm: Arm, servos: bool) -> list[Groups]:
-    """Return the laws that are tried; where servos held the motors in some row, these lose by a number of their own."""
+    """Return the candidate laws; if servos held the motors in some row, the servos have their own damping number."""
     times, losses = (
         tuple(tuple(f"{j.name}.{field}" for j in arm.joints if gives(j, field)) for field in fields)
         for fields in (DAMPING, LOSS)
@@ -304,11 +305,11 @@ def _candidates(arm: Arm, servos: bool) -> list[Groups]:
 
 
 class _Design(NamedTuple):
-    """What a law makes of its numbers.
+    """A law as a linear model: from its numbers to the ratios.
 
     Attributes:
-        columns: (D, k) ratio by a unit of each.
-        kept: (D,) ratio by what is known.
+        columns: (D, k) ratio per unit of each number.
+        kept: (D,) ratio by the fixed damping numbers.
         centre, narrow: (k,) prior of ln(number), and the inverse of its width; zero for none.
     """
 
@@ -322,7 +323,7 @@ class _Design(NamedTuple):
         return np.maximum(self.kept.reshape(-1, *(1,) * (x.ndim - 1)) + self.columns @ x, LEAST)
 
     def some(self, rows: Any) -> "_Design":
-        """Return that of some rows."""
+        """Return the model of some rows."""
         return self._replace(columns=self.columns[rows], kept=self.kept[rows])
 
     def slopes(self, x: Float[np.ndarray, "k"]) -> Float[np.ndarray, "D _"]:
@@ -331,7 +332,7 @@ class _Design(NamedTuple):
 
 
 class _Errors:
-    """Errors of ln(ratio), for each share `OF_MODE`: along independent axes, of variance 1 + s^2 size."""
+    """Errors of ln(ratio) for each share `OF_MODE`, along independent axes with variance 1 + s^2 size."""
 
     def __init__(self, ratios: Ratios):
         L = np.linalg.cholesky(ratios.covariance)
@@ -353,14 +354,14 @@ class _Errors:
 
 
 class _Fitting(NamedTuple):
-    """A law's way from its numbers to the rows that it is fitted to."""
+    """A law, its linear model and the rows to fit."""
 
     design: _Design
     ratios: Ratios
     errors: _Errors
 
     def least_squares(self, x: Float[np.ndarray, "k"], at: Place) -> Float[np.ndarray, "k"]:
-        """Return the numbers >= 0 of least squares in ln(ratio), by Gauss and Newton from some that are near."""
+        """Return the numbers >= 0 of least squares in ln(ratio), by Gauss-Newton from a point nearby."""
         off = self.residuals(x, at)
         for _ in range(STEPS):
             A = self.slopes(x, at)
@@ -386,7 +387,7 @@ class _Fitting(NamedTuple):
         return np.vstack([own, np.diag(design.narrow / np.maximum(x, LEAST * design.centre))])
 
     def law(self, groups: Groups) -> Law:
-        """Fit the numbers, then share and scatter, one after the other until these stay."""
+        """Fit the numbers, then share and scatter, in turn until these converge."""
         measured = np.exp(self.ratios.log)
         x = _nnls(self.design.columns / measured[:, None], np.maximum(1 - self.design.kept / measured, 0.0))
         x = np.where(self.design.narrow > 0, self.design.centre, x)
@@ -407,7 +408,7 @@ class _Fitting(NamedTuple):
     def numbers(
         self, x: Float[np.ndarray, "k"], at: Place, count: int, rng: np.random.Generator
     ) -> Float[np.ndarray, "k count"]:
-        """Draw the numbers about some that are near: those of least squares for data with another noise.
+        """Draw the numbers by least squares for data with new noise, from a point nearby.
 
         So they too are never negative (Bardsley, Fox, "An MCMC method for uncertainty quantification in nonnegativity
         constrained inverse problems", Inverse Probl. Sci. Eng. 20, 2012).
@@ -416,7 +417,7 @@ class _Fitting(NamedTuple):
         noise = rng.standard_normal((len(A), count))
         noise[len(self.ratios.log) :] *= self.design.narrow[:, None] > 0
         wanted = (self.residuals(x, at) + A @ x)[:, None] + noise
-        numbers = np.linalg.pinv(A) @ wanted  # at once, where no number would be negative
+        numbers = np.linalg.pinv(A) @ wanted  # all at once if no number is negative
         for i in np.flatnonzero((numbers < 0).any(0)):
             numbers[:, i] = _nnls(A, wanted[:, i])
         return numbers
@@ -427,11 +428,11 @@ class _Fitting(NamedTuple):
         """Draw ln(ratio) of some modes at a share and scatter.
 
         Args:
-            law: whose numbers are near.
-            like: what it makes of its numbers there, and which modes these are.
+            law: its numbers are the starting point.
+            like: its linear model for these modes, and the modes.
             at: share and scatter.
-            count: draws.
-            rng: draws.
+            count: number of draws.
+            rng: source of randomness.
         """
         numbers = self.numbers(self.least_squares(law.values, at), at, count, rng)
         off = self.errors.whitened(self.ratios.log[:, None] - np.log(self.design.of(numbers)), at)
@@ -442,13 +443,13 @@ class _Fitting(NamedTuple):
 
 
 def _nnls(A: Float[np.ndarray, "n k"], b: Float[np.ndarray, "n"]) -> Float[np.ndarray, "k"]:
-    from scipy.optimize import nnls  # takes a tenth of a second, which fits without damping ratios can spare
+    from scipy.optimize import nnls  # takes 0.1 s to import, and fits without damping ratios do not need it
 
     return np.asarray(nnls(A, b)[0])
 
 
 def _place(number: int) -> Place:
-    """Return the place of a weight by its number among all."""
+    """Return the indices of a weight from its flat index."""
     return divmod(number, len(SCATTERS))
 
 
@@ -457,19 +458,19 @@ def _place(number: int) -> Place:
 
 @dataclass(frozen=True)
 class Damping:
-    """Damping given stiffness: the laws that were tried, and what they leave.
+    """Damping given stiffness: the candidate laws, and their residuals.
 
     Attributes:
         rows: the damping rows.
-        laws: best first, a sum of several only where it is better by as much as tells laws apart.
-        ratios: (D,) what was measured.
-        columns: (D,) ratio of each row's mode by a unit of each damping number.
+        laws: best first; a sum of several only if it is better by `TOLD_APART` at least.
+        ratios: (D,) the measured ones.
+        columns: (D,) ratio of each row's mode per unit of each damping number.
         frequency: (D,) [Hz] of each row's mode on the fitted arm.
-        marked: (D,) rows that are off under a law that fits the others; they do not count.
-        arm: as its file has it.
-        model: the arm as it was fitted.
-        parameters: its numbers at which this holds.
-        unknowns: what was asked for.
+        marked: (D,) outliers under a law that fits the others; they do not count.
+        arm: as in its file.
+        model: the fitted arm.
+        parameters: its fitted numbers.
+        unknowns: of the fit.
     """
 
     rows: Campaign
@@ -485,12 +486,12 @@ class Damping:
 
     @property
     def best(self) -> Law:
-        """The law that is named."""
+        """The best law, which reports name."""
         return self.laws[0]
 
     @property
     def rivals(self) -> tuple[Law, ...]:
-        """Laws of another kind that the data cannot tell apart from it."""
+        """Laws of another kind that the data cannot separate from the best one."""
         near = (law for law in self.laws[1:] if law.bic - self.best.bic < TOLD_APART)
         return tuple(law for law in near if law.family != self.best.family and len(law.family) == 1)
 
@@ -500,10 +501,10 @@ class Damping:
         return self._design(self.best.groups, self.columns).of(self.best.values)
 
     def left_out(self, parts: Iterable[Sequence[int]]) -> Float[np.ndarray, "n 3"]:
-        """Return ratios as measured and as the rows of other parts predict them, and how far they are apart.
+        """Return the ratios as measured, as predicted from the rows of other parts, and their distance.
 
-        The law is the best one, its numbers are those of the other parts, without marked rows. The distance is in
-        standard deviations.
+        The law is the best one, with numbers fitted to the other parts without marked rows. The distance is in standard
+        deviations.
         """
         design, found = self._design(self.best.groups, self.columns), [np.zeros((0, 3))]
         for part in parts:
@@ -515,14 +516,14 @@ class Damping:
         return np.concatenate(found)
 
     def numbers(self, law: Law) -> dict[str, float]:
-        """Return all damping by path: a law's, and what is kept."""
+        """Return all damping by path: a law's numbers, and the fixed ones."""
         return _kept(law.groups, self.arm, self.unknowns) | law.numbers
 
     @property
     def carried(self) -> dict[tuple[str, ...], float]:
-        """The best law's numbers by their paths, and zero for all other damping; none where no arm has a place for it.
+        """The best law's numbers by their paths, and zero for all other damping; none if an arm file cannot hold it.
 
-        That is a loss factor of a spring that is no straight line.
+        That is the case for the loss factor of a nonlinear spring.
         """
         arm, best = self.arm, self.numbers(self.best)
         curved = {f"{spring.joint}.{LOSS_OF[spring.direction]}" for spring in arm.springs}
@@ -534,9 +535,9 @@ class Damping:
         return dict(numbers) | {(path,): 0.0 for path in others if float(arm.get(path))}
 
     def given(self, draws: Mapping[str, Float[np.ndarray, "n"]], seed: int = 0) -> dict[tuple[str, ...], np.ndarray]:
-        """Draw the numbers that the arm carries once for each draw of its stiffnesses.
+        """Draw the arm's damping numbers once for each draw of its stiffnesses.
 
-        What no law explains of a mode is a factor of all of them, drawn anew for each.
+        The unexplained scatter of a mode is a common factor of all of them, drawn again for each.
 
         Args:
             draws: numbers of the arm, by path.
@@ -565,11 +566,11 @@ class Damping:
         return _design(groups, columns, self.arm, self.unknowns)
 
     def drawn(self, like: Campaign, count: int = DRAWS, seed: int = 0) -> Float[np.ndarray, "n count"]:
-        """Draw the ratios of some modes: a law by its probability, its numbers, what a mode has besides.
+        """Draw the ratios of some modes: a law by its probability, its numbers, and the modes' scatter.
 
         Args:
-            like: damping rows that say which modes, at which postures; their values do not count.
-            count: draws.
+            like: damping rows that name modes and postures; their values do not count.
+            count: number of draws.
             seed: of the draws.
         """
         rng, kept, drawn = np.random.default_rng(seed), np.flatnonzero(~self.marked), []
@@ -600,13 +601,12 @@ def damping_of(
     """Find the law of damping of a fitted arm.
 
     Args:
-        arm: as its file has it.
-        model: the arm as it was fitted.
-        campaign: all rows, damping ratios among them.
-        predicted: (n,) [SI] what the fit predicts of the others.
+        arm: as in its file.
+        model: the fitted arm.
+        campaign: all rows, damping ratios included.
+        predicted: (n,) [SI] predictions of the fit for the others.
         parameters: fitted numbers of the arm.
-        unknowns: damping numbers that are freed by name are sought one by one, and all others kept; fixed ones are
-            kept.
+        unknowns: damping numbers freed by name are fitted one by one, and all others are fixed; fixed ones stay fixed.
     """
     rows, rest = campaign.of_kind(RATIO), campaign.without(RATIO)
     off = [(m.value - x) / m.spread for m, x in zip(rest, predicted.tolist(), strict=True)]
@@ -618,7 +618,7 @@ def damping_of(
     groups = [tuple(filter(None, (tuple(p for p in g if p not in unknowns.fixed) for g in each))) for each in asked]
 
     def laws(kept: Int[np.ndarray, "n"]) -> tuple[Law, ...]:
-        """Fit all laws to some rows; of several with the same numbers above zero the first counts."""
+        """Fit all laws to some rows; of several laws with the same nonzero numbers the first counts."""
         data = ratios.some(kept)
         errors, found = _Errors(data), dict[frozenset[tuple[str, float]], Law]()
         for own in groups:
@@ -639,21 +639,21 @@ def damping_of(
 def _of_poles(
     modes: ModesOfRows, columns: Mapping[str, np.ndarray], law: Law, asked: tuple[Arm, Unknowns]
 ) -> dict[str, Float[np.ndarray, "D"]]:
-    """Return the columns of light modes so that a law gives the ratios of the poles, as far as modes have such."""
+    """Return the columns of lightly damped modes, scaled so that a law gives the ratios of corresponding poles."""
     change = modes.poles(_kept(law.groups, *asked) | law.numbers) / _design(law.groups, columns, *asked).of(law.values)
     change = np.where((change > 1 / COUPLED) & (change < COUPLED), change, 1.0)
     return {path: own * change for path, own in columns.items()}
 
 
 def _kept(groups: Groups, arm: Arm, unknowns: Unknowns) -> dict[str, float]:
-    """Return the arm's own damping numbers that a law keeps: what is fixed, and all others where some are freed."""
+    """Return the arm's damping numbers that a law keeps: fixed ones, and if some are freed, all others."""
     free = {path for group in groups for path in group}
     kept = arm.paths() if damping_parameters(arm, unknowns) else unknowns.fixed
     return {path: float(arm.get(path)) for path in kept if is_damping(path) and path not in free}
 
 
 def _design(groups: Groups, columns: Mapping[str, np.ndarray], arm: Arm, unknowns: Unknowns) -> _Design:
-    """Return what a law makes of its numbers; the numbers that are kept are the arm's."""
+    """Return a law as a linear model; the kept numbers are the arm's."""
     freed = {item.paths: item for item in damping_parameters(arm, unknowns)}
     none = np.zeros(len(columns[ALPHA]))
     kept = sum((x * columns[path] for path, x in _kept(groups, arm, unknowns).items() if path in columns), none)
@@ -665,7 +665,7 @@ def _design(groups: Groups, columns: Mapping[str, np.ndarray], arm: Arm, unknown
 
 
 def _marked(law: Law, design: _Design, ratios: Ratios) -> Bool[np.ndarray, "D"]:
-    """Return which rows lie too far from what the others say by the same law."""
+    """Return which rows are outliers: too far from their prediction by the others under the same law."""
     from scipy.special import stdtr  # likewise
 
     rows = np.arange(len(ratios.log))
@@ -681,9 +681,9 @@ def _marked(law: Law, design: _Design, ratios: Ratios) -> Bool[np.ndarray, "D"]:
 def _by_others(
     law: Law, design: _Design, ratios: Ratios, left: Sequence[int], rest: Int[np.ndarray, "r"]
 ) -> tuple[Law, Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Return a law by some rows, ln(ratio) of those that are left out, and by how much these are off it.
+    """Return a law fitted to some rows, the predicted ln(ratio) of the rows left out, and their standardised residuals.
 
-    The latter is in standard deviations, of what was measured and of the prediction.
+    The standard deviation is that of measurement and prediction together.
     """
     data, like = ratios.some(rest), ratios.some(left)
     fitting = _Fitting(design.some(rest), data, _Errors(data))

@@ -1,4 +1,4 @@
-"""Values of a campaign that are implausible before any fit, with what would explain them."""
+"""Plausibility checks of a campaign's values before any fit, with probable causes."""
 
 import math
 from collections.abc import Collection, Iterator, Sequence
@@ -40,30 +40,30 @@ from ident.units import NMM_PER_DEG, QUANTITIES, STANDARD_GRAVITY, si_factor
 
 READ_AT_REST = ("deflection", "deflection_difference", "rotation", "rotation_difference", "twist", "twist_difference")
 PLAUSIBLE = {"frequency": 3.0, **dict.fromkeys(READ_AT_REST, 5.0)}
-"""Factor by which a value may differ from what the arm file predicts before it is refused."""
+"""Largest accepted factor between a value and the arm file's prediction."""
 MOST_DOUBTS = 3
-"""Doubtful rows that are named where the arm file looks wrong itself."""
+"""Most doubtful rows to name if the arm file itself looks wrong."""
 AWAY = 0.1
-"""Distance [m] by which a position may differ from the arm file's before it is refused; assumed."""
+"""Largest accepted distance [m] of a position from the arm file's; assumed."""
 ALL = "all"
-"""What trusts the values of all rows."""
+"""Keyword to trust the values of all rows."""
 SLACK = math.radians(0.5)
-"""By how much a held angle may lie beyond a joint's limit [rad]: how well it is read."""
+"""Accepted excess [rad] of a posture's angle over a joint's limit: the reading accuracy."""
 
 
 def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
-    """Refuse what the arm as its file has it makes implausible: values far off, labels of no mode, postures off limits.
+    """Refuse what is implausible for the arm file: values far off, labels without a mode, postures beyond limits.
 
-    Repeated measurements that contradict each other are refused as well. A value counts as far off where it is so by
-    more than three of its standard deviations.
+    Contradictory repeated measurements are refused as well. A value counts as far off only by more than three of its
+    standard deviations.
 
     Args:
         posed: the campaign and the arm.
-        trusted: rows that are right whatever they look like: their numbers in the file, or `all`.
+        trusted: rows to accept in any case: their numbers in the file, or `all`.
 
     Raises:
-        InputError: lists the numbers of the arm that look wrong, then the values, each with its row; or a trusted row
-            that is not there, or whose label no mode of the arm can bear.
+        InputError: lists the suspicious numbers of the arm, then the values, each with its row; or a trusted row that
+            does not exist, or with a label that no mode of the arm can have.
     """
     arm, campaign, names = posed.arm, posed.campaign, row_names(posed.campaign)
     if unknown := [row for row in trusted if row not in {*names, *row_names(posed.ratios), ALL}]:
@@ -86,10 +86,10 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
 
 
 class Expected(NamedTuple):
-    """What the arm file predicts (D,) [SI], and how far below and above that an arm of plausible stiffnesses may read.
+    """Predictions of the arm file (D,) [SI], and margins below and above them for an arm of plausible stiffnesses.
 
-    What is read at rest sums what each joint gives, and the parts may nearly cancel: no factor on the sum says how far
-    off it may be. So each part may be off by 3 sd of its prior, at most by `PLAUSIBLE`, independently of the others.
+    A static reading is the sum of all joints' contributions, which may nearly cancel: a factor on the sum is no
+    measure of its error. So each contribution may be off by 3 sd of its prior, at most by `PLAUSIBLE`, independently.
     """
 
     value: Float[np.ndarray, "D"]
@@ -99,13 +99,13 @@ class Expected(NamedTuple):
 
     @classmethod
     def of(cls, problem: InverseProblem, campaign: Campaign) -> "Expected":
-        """Return what is expected at the starting values, by labels alone."""
+        """Return the predictions and margins at the starting values, with modes matched by labels alone."""
         here, parameters = evaluate(problem), problem.parameters
         most = [1.0 if kind in (*BY_MODE, *POSITIONS) else PLAUSIBLE[kind] for kind in problem.kinds]
         widths = SUSPICIOUS * np.where(parameters.positive, parameters.normal_sd, 0.0)
         factor = np.exp(np.minimum(widths, np.log(most)[:, None]))
         slope, value = np.nan_to_num(np.asarray(here.jacobian)), np.array(here.predicted)
-        moves = np.stack([slope * (1 - 1 / factor), slope * (1 - factor)])  # of parts in 1 / stiffness
+        moves = np.stack([slope * (1 - 1 / factor), slope * (1 - factor)])  # of contributions, by 1 / stiffness
         below, above = (np.linalg.norm((sign * moves).max(0).clip(0.0), axis=1) for sign in (-1, 1))
         friction = _by_friction(campaign, value)
         below[friction] = above[friction] = np.inf
@@ -113,7 +113,7 @@ class Expected(NamedTuple):
 
 
 def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> Bool[np.ndarray, "D"]:
-    """Tell which rows of ramps read so little, beside the largest of their loop, that it may all be friction."""
+    """Return which rows of ramps are so small, compared with their loop's largest, that friction may explain them."""
     loops, sizes = np.abs(loop_places(campaign)).astype(int), np.nan_to_num(np.abs(predicted))
     largest = np.zeros(loops.max(initial=0) + 1)
     np.maximum.at(largest, loops, sizes)
@@ -121,10 +121,10 @@ def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> Bool[
 
 
 def _by_labels(problem: InverseProblem, campaign: Campaign) -> tuple[Expected, set[int]]:
-    """Return what the arm file predicts by the labels alone, and the rows whose label it never has.
+    """Return the arm file's predictions by the labels alone, and the rows with a label that no mode has.
 
-    Where a label's mode is none at the file's values, or far off, it may be another one for an arm nearby: then what is
-    predicted there counts, if it is plausible.
+    If a label has no mode at the file's values, or one far off, an arm nearby may have another one: then the prediction
+    there counts, if it is plausible.
     """
     expected = Expected.of(problem, campaign)
 
@@ -144,7 +144,7 @@ def _by_labels(problem: InverseProblem, campaign: Campaign) -> tuple[Expected, s
 
 
 def row_names(campaign: Campaign) -> list[str]:
-    """Return what rows are called: their numbers in the file, or those of their order where they come from none."""
+    """Return the names of the rows: their numbers in the file, or their order if there is no file."""
     return [_row_name(m, i) for i, m in enumerate(campaign)]
 
 
@@ -153,7 +153,7 @@ def _row_name(m: Measurement, place: int) -> str:
 
 
 class _Doubt(NamedTuple):
-    """What is wrong with a row, the same `tag` as with others of one mistake; whether that is known."""
+    """A problem of a row; rows with one mistake share the `tag`; and whether the cause is known."""
 
     place: int
     problem: Problem
@@ -168,13 +168,13 @@ UNITS = {
     "damping_ratio": "1 %",
 }
 STIFFNESS_UNITS = {"N mm/deg": NMM_PER_DEG, "N m/deg": 180 / math.pi, "N mm/rad": 1e-3, "N m/arcmin": 10800 / math.pi}
-"""Units that are taken for each other; of stiffnesses those that are taken for N m/rad."""
+"""Stiffness units often confused with N m/rad."""
 HOPELESS = ("hopeless",)
-"""Of what no trust mends."""
+"""Tag of problems that trust cannot override."""
 
 
 def _in_doubt(posed: Posed, expected: Expected, missing: Collection[int], trusted: Collection[str]) -> Iterator[_Doubt]:
-    """Yield what is in doubt about each row: its label, its angles, its value."""
+    """Yield the doubts about each row: its label, its angles, its value."""
     for i, m in enumerate(posed.campaign):
         if m.mode and math.isnan(expected.value[i]):
             remedy = "or leave it empty: trusted or not, there is nothing to fit it to"
@@ -200,12 +200,12 @@ def _in_doubt(posed: Posed, expected: Expected, missing: Collection[int], truste
 
 
 def far_off(i: int, campaign: Campaign, expected: Expected) -> Iterator[_Doubt]:
-    """Refuse a value beyond what plausible arms would read, even if its sigma is considered."""
+    """Refuse a value beyond the range of plausible arms, with its sigma allowed for."""
     m, value = campaign.measurements[i], float(expected.value[i])
     if m.kind in POSITIONS and abs(m.value - value) > AWAY + SUSPICIOUS * m.spread:
         about, remedy = f"about {_written(m, value)}, where the arm file has it", "check value, unit, posture and setup"
         yield _Doubt(i, Problem(m.where, _written(m, m.value), about, remedy, "value"), (i,))
-    if m.kind in (*POSITIONS, *SHAPES):  # a shape is of either sign, and small where a mode hardly moves a point
+    if m.kind in (*POSITIONS, *SHAPES):  # a shape has either sign, and is small near a node
         return
     limit = PLAUSIBLE[m.kind]
     low = min(value / limit, value * limit, value - expected.below[i])
@@ -222,14 +222,14 @@ def far_off(i: int, campaign: Campaign, expected: Expected) -> Iterator[_Doubt]:
 
 
 def _looks_like(m: Measurement, ratio: float) -> str:
-    """Name the mistake that makes a value so many times what it should be; nothing where none is known."""
+    """Name the mistake that explains this ratio of a value to its prediction; empty if none is known."""
     if -2 < ratio < -0.5:
         return "a wrong sign or direction"
     with suppress(InputError, ValueError):  # a unit made in code, which is a remark; a negative ratio
         quantity, size = KINDS[m.kind], math.log(ratio)
         own, units = math.log(si_factor(m.unit, quantity)), UNITS[quantity].split()
         factors = {f"{unit} written as {m.unit}": own - math.log(si_factor(unit, quantity)) for unit in units}
-        if m.kind in DIFFERENCES:  # what is read without a load does not count
+        if m.kind in DIFFERENCES:  # readings without a load do not count
             hung = (m.load.masses, -1, "N written as kg"), (m.load.forces, 1, "kg written as N")
             factors |= {f"a load in {words}": way * math.log(STANDARD_GRAVITY) for loads, way, words in hung if loads}
         return " or ".join(words for words, factor in factors.items() if abs(size - factor) < abs(factor) / 12)
@@ -237,7 +237,7 @@ def _looks_like(m: Measurement, ratio: float) -> str:
 
 
 def _merged(doubts: Sequence[_Doubt], posed: Posed, expected: Expected, trusted: Collection[str]) -> list[Problem]:
-    """Return a problem for each mistake: one in angles or stiffnesses that explains all, or those that rows share."""
+    """Return a problem for each mistake: a single one in angles or stiffnesses if it explains all, or shared ones."""
     places, campaign = list(dict.fromkeys(each.place for each in doubts)), posed.campaign
 
     def off(there: Expected) -> Float[np.ndarray, "n"]:
@@ -246,7 +246,7 @@ def _merged(doubts: Sequence[_Doubt], posed: Posed, expected: Expected, trusted:
 
     if 1 < len(places) <= len(campaign) <= TRIED and not all(each.known for each in doubts):
         before, causes = off(expected), []
-        limit = max(COMMON, float(np.abs(before - np.median(before)).mean()))  # what one factor would leave
+        limit = max(COMMON, float(np.abs(before - np.median(before)).mean()))  # residual of a common factor
         for where, column, looks, right in _put_right(posed):
             there = Expected.of(right.problem, right.campaign)
             fine = np.isfinite(there.value).all() and (there.label_cost < FAR).all()
@@ -279,7 +279,7 @@ def _of_all(doubts: Sequence[_Doubt], campaign: Campaign) -> Problem:
 
 
 def _put_right(posed: Posed) -> Iterator[tuple[str, str, str, Posed]]:
-    """Yield the campaign without a mistake in the angles or in stiffnesses: file, column, words, and what is posed."""
+    """Yield the campaign corrected for a mistake in angles or stiffnesses: file, column, words, and posed campaign."""
     campaign, problem, names = posed.campaign, posed.problem, [joint.name for joint in posed.arm.driven]
     one, places = np.eye(len(names)), range(len(names))
     turns = {f"{name} looks like a wrong sign": one - 2 * np.diag(e) for name, e in zip(names, one, strict=True)}
@@ -302,7 +302,7 @@ def _put_right(posed: Posed) -> Iterator[tuple[str, str, str, Posed]]:
 
 
 def _written(m: Measurement, value: float) -> str:
-    """Write a number in the unit that a measurement was written in; in SI where that is none of its kind."""
+    """Write a number in the unit of a measurement's entry; in SI if that unit is wrong for its kind."""
     try:
         return f"{value / si_factor(m.unit, KINDS[m.kind]):.4g} {m.unit}".removesuffix(" 1")
     except InputError:  # made in code, where the unit is a remark
@@ -310,16 +310,16 @@ def _written(m: Measurement, value: float) -> str:
 
 
 def _right(row: str) -> str:
-    """Return the remedy of who knows better."""
+    """Return the remedy for a user who knows that the row is right."""
     return f"if {'they are' if row == ALL else 'it is'} right all the same, say so (`trust_values` {row})"
 
 
 def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
-    """Yield, for each thing that was measured twice or more, the two rows that contradict each other most, if any do.
+    """Yield the two rows of each repeated measurement that contradict each other most, if any do.
 
-    The more pairs there are, the farther apart two values may be by chance (Bonferroni): the chance that any pair of a
-    campaign that is right is named stays below that of one pair at 3 sd. Frequencies without a mode label are never
-    repeats, since those of one posture and load belong to different modes.
+    The limit grows with the number of pairs (Bonferroni): the false-alarm probability of a correct campaign stays below
+    that of one pair at 3 sd. Frequencies without a mode label are never repeats, since those of one posture and load
+    belong to different modes.
     """
     same = repeated(campaign)
     limit = farthest(sum(math.comb(len(rows), 2) for rows in same))
@@ -331,7 +331,7 @@ def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
 
 
 def repeated(campaign: Campaign) -> list[list[int]]:
-    """Return the rows of each thing that was measured; frequencies without a label are in none."""
+    """Return the rows of each measured quantity; frequencies without a label are in none."""
     same: dict[Measurement, list[int]] = {}
     for row, m in enumerate(campaign):
         if m.kind not in BY_MODE or m.mode:
@@ -342,10 +342,10 @@ def repeated(campaign: Campaign) -> list[list[int]]:
 
 
 def _farthest_apart(value: np.ndarray, sigma: np.ndarray, limit: float) -> tuple[int, int] | None:
-    """Return the first of the pairs of values (n,) that are farthest apart, if by more than a limit [sd].
+    """Return the pair of values (n,) farthest apart, the first of several, if by more than a limit [sd].
 
-    As hypot(a, b) is (a + b) / sqrt(2) at least, a value is in such a pair only where it is above the lowest of
-    value + limit sigma / sqrt(2) by as much, or below the highest: of many values that agree few.
+    As hypot(a, b) is at least (a + b) / sqrt(2), a value can be in such a pair only if it is above the lowest
+    value + limit sigma / sqrt(2) by as much, or below the highest: few of many values that agree.
     """
     way = limit * sigma / math.sqrt(2)
     high, low = value - way, value + way
@@ -375,15 +375,15 @@ def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collectio
 
 
 def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:
-    """Name the modes that the arm has there; nothing if it has none because it collapses, or has the one."""
+    """Name the modes of the arm there; nothing if it has none as it collapses, or if it has the labelled one."""
     label = parse_label(m.mode or "")
     with suppress(ModelError):
         names = modal_analysis(arm, m.posture, m.load, arm.degrees_of_freedom).labels
         if label and sum(label.admits(name) for name in names) >= label.ordinal:
-            return  # a wrong label beside it has taken its mode
+            return  # another, wrong label has taken its mode
         expected = f"a mode of the arm at that posture: {', '.join(map(str, names))}"
         yield Problem(m.where, f"'{m.mode}'", expected, f"correct the label, {remedy}", "mode")
 
 
 TRIED, COMMON = 1000, 0.1
-"""Rows up to which a common cause is looked for; mean |ln factor| that it may leave of the rows in doubt; assumed."""
+"""Most rows for which a common cause is searched; mean |ln factor| it may leave of the doubtful rows; assumed."""

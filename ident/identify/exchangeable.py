@@ -1,4 +1,4 @@
-"""Values of a campaign that may have been swapped, and what that would change."""
+"""Values of a campaign that may have been swapped, and the effect of a swap."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import combinations
@@ -8,18 +8,18 @@ from ident.measure import Campaign, Measurement
 from ident.measure.kinds import SHAPES
 
 MOST = 300
-"""Values up to which all pairs are looked at; of more, those of the values that are farthest off."""
+"""Most values for which all pairs are examined; of more, only pairs with one of the worst outliers."""
 
 
 def exchangeable(campaign: Campaign, far_off: Sequence[int] = ()) -> Iterator[Pair]:
-    """Yield the places of values of one kind that may be taken for each other: at one posture, or of one name.
+    """Yield the indices of values of one kind that may be swapped: at one posture, or with one name.
 
-    Frequencies without a label are never so at one posture, as their order alone tells them apart. Shapes are not, as
-    what is predicted of one is scaled to what was measured.
+    Frequencies without a label at one posture are excluded, as only their order distinguishes them. So are shapes, as
+    their predictions are scaled to the measured ones.
 
     Args:
-        campaign: what was measured.
-        far_off: where there are more than `MOST` values, pairs must have one of these places.
+        campaign: the measurements.
+        far_off: for more than `MOST` values, pairs must have one of these indices.
     """
     rows = campaign.measurements
     if len(rows) <= MOST:
@@ -33,9 +33,9 @@ def exchangeable(campaign: Campaign, far_off: Sequence[int] = ()) -> Iterator[Pa
 
 
 def moves_of(campaign: Campaign) -> Callable[[Pair], Moves]:
-    """Return what tells which row gets the value of which other one, where two values are exchanged.
+    """Return the function from a swapped pair to the moves of values between rows.
 
-    A frequency without a label may take another place in the order of its new state, and so move others there.
+    A frequency without a label may get another order number in its new state, and so move others there.
     """
     rows, states = campaign.measurements, [_state(m) for m in campaign]
     ascending: dict[tuple[object, ...], list[int]] = {}

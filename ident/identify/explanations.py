@@ -1,8 +1,7 @@
-"""What would reconcile data that contradict each other, or the model: a list that a person can act on.
+"""Explanations for data that contradict each other, or the model: a list to act on.
 
-Each thing that may be otherwise than arm file and campaign say is set free by itself, all unknowns fitted again. What
-then fits is ranked by how probable it is, what it leaves and what it takes together; where nothing fits by itself,
-pairs are tried.
+Each input of arm file and campaign that may be wrong is freed by itself, and all unknowns are fitted again. Those that
+fit are ranked by probability: remaining cost plus implausibility. If no single one fits, pairs are tried.
 """
 
 import math
@@ -42,30 +41,30 @@ from ident.measure.load import AXES
 from ident.programs import Progress
 
 # -------- Discriminating measurements
-# Which measurement would tell explanations apart: what each of them predicts, and how surely.
+# Measurements that would discriminate between explanations: prediction of each, with its uncertainty.
 
 LEADING = 4
-"""Explanations that are to be told apart, at most."""
+"""Most explanations to discriminate between."""
 POSTURES, LOADS = 8, 8
 SHOWN = 3
-"""Postures and loads that are asked about, and measurements that are named, at most."""
+"""Most postures and loads to examine, and measurements to report."""
 APART = 2.0
-"""Distance [sd] of two predictions below which a measurement tells nothing."""
+"""Distance [sd] of two predictions below which a measurement does not discriminate."""
 ENOUGH = 4.0
-"""Distance [sd] beyond which more is no better."""
+"""Distance [sd] beyond which more is no improvement."""
 
 
 @dataclass(frozen=True)
 class Telling:
-    """A measurement, and what each leading explanation predicts of it.
+    """A discriminating measurement, with the prediction of each leading explanation.
 
     Attributes:
-        measurement: its value is the middle one of the predictions, its sigma what such an instrument has.
-        numbers: of the explanations that are told apart.
-        predicted: [SI] by each of them; NaN where one has no answer.
+        measurement: its value is the middle one of the predictions, its sigma that of such an instrument.
+        numbers: of the explanations to discriminate between.
+        predicted: [SI] by each of them; NaN for one without a solution.
         sd: of these, by data and priors.
-        apart: [sd] of the two that it tells apart best, sigma included.
-        place: of a frequency, its place from the lowest, from 1.
+        apart: [sd] largest distance of two predictions, sigma included.
+        place: order number of a frequency, from 1 for the lowest.
     """
 
     measurement: Measurement
@@ -77,14 +76,14 @@ class Telling:
 
 
 def discriminating_measurements(arm: Arm, campaign: Campaign, leading: Mapping[int, Perturbed]) -> tuple[Telling, ...]:
-    """Return what to measure to tell explanations apart, the most telling first; none where nothing would.
+    """Return the measurements that discriminate between explanations, the best first; none if no measurement does.
 
-    Candidates are the two lowest frequencies and the deflection of the arm's last point along -z, at postures that may
-    be held, under own weight, each payload, and what was hung on it in the campaign.
+    Candidates are the two lowest frequencies and the deflection of the arm's last point along -z, at all holdable
+    postures, under own weight, each payload, and the load cases of the campaign.
 
     Args:
-        arm: as its file has it.
-        campaign: how well it is measured.
+        arm: as in its file.
+        campaign: for the sigmas of its instruments.
         leading: the explanations by their numbers.
     """
     if len(leading) < 2 or not arm.points:
@@ -111,7 +110,7 @@ def discriminating_measurements(arm: Arm, campaign: Campaign, leading: Mapping[i
 
 
 def _best(apart: Float[np.ndarray, "pairs n"]) -> Iterator[tuple[int, float]]:
-    """Yield the places of measurements that tell pairs apart, each of those that are left, and how far at best [sd]."""
+    """Yield measurements that separate pairs not yet separated: index, and largest distance of a pair [sd]."""
     left = np.ones(len(apart), bool)
     for _ in range(SHOWN):
         best = int(np.argmax(np.minimum(apart[left], ENOUGH).sum(0)))
@@ -125,7 +124,7 @@ def _best(apart: Float[np.ndarray, "pairs n"]) -> Iterator[tuple[int, float]]:
 def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
     try:
         grid, _ = posture_grid(arm)
-    except InputError:  # no posture may be held: the campaign's own are all that is left
+    except InputError:  # no posture can be held: only the campaign's own remain
         grid = np.zeros((0, len(arm.driven)))
     spaced = grid[np.unique(np.linspace(0, len(grid) - 1, POSTURES).astype(int))] if len(grid) else grid
     postures = dict.fromkeys([*(m.posture for m in campaign), *(tuple(map(float, row)) for row in spaced)])
@@ -142,29 +141,29 @@ def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
 # -------- Explanations
 
 MOST_STATES = 3
-"""States (posture and load) of the values farthest off, each of which is asked about by itself."""
+"""Most states (posture and load) of the worst outliers to examine, each by itself."""
 SINGLE = 40
-"""Numbers up to which each is searched for; of more, those with which a linear model gains most."""
+"""Most numbers to search one by one; of more, those with the largest gain in the linear model."""
 ROWS = 6
-"""Values farthest off, each of which may be wrong by itself."""
+"""Number of worst outliers to examine as single wrong values."""
 PAIRED, PAIRS = 8, 4
-"""Numbers that are paired, those of the largest gain; and pairs that are searched for."""
+"""Numbers to pair, those of the largest gain; and pairs to search."""
 TURNS = 4
-"""Searches of what was put right, at most, each with labels chosen where the one before has ended."""
+"""Most searches of a corrected campaign, each with labels matched at the end of the one before."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """One thing that would have to be otherwise.
+    """One change of arm or campaign that an explanation requires.
 
     Attributes:
-        kind: one of `hypotheses.KINDS`, `soft base` for two of them together, or of an entry error `value` (a wrong
-            one), `exchange` (two values), `on` and `off` (of a payload).
+        kind: one of `hypotheses.KINDS`, `soft base` for two of them together, or an entry error: `value` (a wrong one),
+            `exchange` (two swapped values), `on` and `off` (of a payload).
         of: the number's body, link, spring or kind of measurement; the payload; the joint.
-        rows: places of the rows that an entry error is about.
-        amount: what it would have to be: a factor, a share or, of a value, what it should read [SI]; NaN for none.
+        rows: indices of the rows of an entry error.
+        amount: required size: a factor, a share or, for a value, the correct reading [SI]; NaN for none.
         sd: of ln(factor), or of the share, by data and priors.
-        off: [sd] by how much that is more than plausible.
+        off: [sd] implausibility of the amount.
     """
 
     kind: str
@@ -177,14 +176,14 @@ class Change:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Changes that together would reconcile the data, or would not.
+    """Changes made together, and how far they reconcile the data.
 
     Attributes:
-        changes: them.
-        cost: sum of squares of data and priors that is left.
-        fits: whether no contradiction of the data is left.
-        linear: whether it is an estimate along a straight line from the fit, not a fit of its own.
-        said: the cost of the labels with them.
+        changes: of arm or campaign.
+        cost: remaining sum of squares of data and priors.
+        fits: whether no contradiction of the data remains.
+        linear: whether it is a linear estimate from the fit, not a fit of its own.
+        said: the label cost with them.
     """
 
     changes: tuple[Change, ...]
@@ -195,25 +194,25 @@ class Explanation:
 
     @property
     def off(self) -> float:
-        """By how much it is more than plausible [sd]."""
+        """Implausibility [sd]."""
         return math.hypot(*(change.off for change in self.changes))
 
     @property
     def score(self) -> float:
-        """What is left of the sum of squares, with changes and labels: minus twice the logarithm of the probability."""
+        """Remaining cost, with changes and labels: minus twice the logarithm of the probability."""
         return self.cost + self.said + self.off**2
 
 
 @dataclass(frozen=True)
 class Explanations:
-    """What may be wrong with a campaign, or with the arm.
+    """Possible errors of a campaign, or of the arm.
 
     Attributes:
-        cost: sum of squares of data and priors with nothing otherwise.
-        items: those that fit, the most probable first; then the others by what they leave. All score less than the data
-            as they are, by `MARGIN` at least.
-        telling: what to measure to tell the leading ones apart.
-        said: the cost of the labels with nothing otherwise.
+        cost: sum of squares of data and priors without any change.
+        items: those that fit, the most probable first; then the others by remaining cost. All score at least `MARGIN`
+            below the data as they are.
+        telling: measurements that discriminate between the leading ones.
+        said: the label cost without any change.
     """
 
     cost: float
@@ -223,20 +222,20 @@ class Explanations:
 
     @property
     def fitting(self) -> tuple[Explanation, ...]:
-        """Those that the data cannot refute."""
+        """The explanations that fit the data."""
         return tuple(item for item in self.items if item.fits)
 
 
 def explain(fit: CampaignFit, unknowns: Unknowns | None = None, *, progress: Progress = iter) -> Explanations | None:
-    """Rank what would reconcile a campaign that is in doubt.
+    """Rank the explanations of a campaign whose fit has objections.
 
     Args:
         fit: of the campaign.
-        unknowns: what was unknown.
+        unknowns: of the fit.
         progress: wraps the numbers of the searches, to show a bar.
 
     Returns:
-        None where the model has no answer, or is scaled by discrepancies, which are explanations already.
+        None if the model has no solution, or is scaled by discrepancies, which are explanations already.
     """
     arm, campaign, unknowns = fit.posed.arm, fit.campaign, (unknowns or Unknowns()).with_prior
     unknowns = without_damping(unknowns.named(arm)) if fit.damping else unknowns
@@ -254,10 +253,10 @@ def explain(fit: CampaignFit, unknowns: Unknowns | None = None, *, progress: Pro
         *filter(None, (_corrected(hypotheses, fit, each, unknowns) for each, _ in zip(corrections, bar, strict=True))),
         *((item, None) for item in _assumed(fit, hypotheses, before)),
     ]
-    limit = before.cost + before.label_cost - MARGIN  # what scores no less explains nothing
+    limit = before.cost + before.label_cost - MARGIN  # a higher score explains nothing
     tried = [each for each in tried if each[0].score < limit]
     if not any(item.fits and item.off < SUSPICIOUS for item, _ in tried):
-        # pairs that fit together, of the best ones along a straight line
+        # pairs that fit together, of the best numbers in the linear model
         first = sorted(numbers, key=lambda perturbation: -hypotheses.gain([perturbation]))[:PAIRED]
         pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
         best = sorted(pairs, key=lambda pair: -hypotheses.gain(pair))[:PAIRS]
@@ -271,11 +270,11 @@ def explain(fit: CampaignFit, unknowns: Unknowns | None = None, *, progress: Pro
 
 
 _Tried = tuple[Explanation, Perturbed | None]
-"""An explanation, and the optimum that it leads to; none where no search was made for it."""
+"""An explanation, and its optimum; none without a search."""
 
 
 def _single(hypotheses: Hypotheses) -> list[Perturbation]:
-    """Return what may be otherwise by itself: each number, and all springs of a direction together."""
+    """Return the single perturbations: each number, and all springs of a direction together."""
     numbers = hypotheses.effective
     single = [Perturbation((number,)) for number in numbers]
     for direction in ("bending", "torsion"):
@@ -289,7 +288,7 @@ def _single(hypotheses: Hypotheses) -> list[Perturbation]:
 def _perturbed(
     campaign: Campaign, before: float, sets: Sequence[Sequence[Perturbation]], ends: Sequence[Perturbed | None]
 ) -> Iterator[_Tried]:
-    """Yield what sets of perturbations explain; not those that gain nothing, or by which a spring would soften."""
+    """Yield the explanations by sets of perturbations, except those without gain or with a softening spring."""
     for perturbations, end in zip(sets, ends, strict=True):
         if end is not None and end.cost <= before - 1.0:
             each = zip(perturbations, end.amounts, end.sd, strict=True)
@@ -312,10 +311,10 @@ def _change(perturbation: Perturbation, amount: float, sd: float, campaign: Camp
 
 
 def _corrections(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
-    """Yield the campaign without entry errors that it may hold, and the arm on a base that gives.
+    """Yield the campaign corrected for possible entry errors, and the arm on a compliant base.
 
-    Entry errors are payloads that were on, or off, in rows that say otherwise: in all rows, in whole kinds of rows, and
-    in the states of the values farthest off.
+    Entry errors are payloads on, or off, contrary to the rows: in all rows, in whole kinds of rows, and in the states
+    of the worst outliers.
     """
     rows = fit.campaign.measurements
     kinds = {kind: [i for i, m in enumerate(rows) if m.kind == kind] for kind in dict.fromkeys(m.kind for m in rows)}
@@ -342,11 +341,11 @@ def _corrections(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
 def _corrected(
     hypotheses: Hypotheses, fit: CampaignFit, correction: tuple[Change, Arm, Campaign], unknowns: Unknowns
 ) -> _Tried | None:
-    """Fit a corrected campaign, or an arm on a base that gives; nothing where these can't be."""
+    """Fit a corrected campaign, or an arm on a compliant base; None if that is impossible."""
     change, arm, campaign = correction
     try:
         posed = pose(arm, campaign, unknowns)
-    except InputError:  # as that of a mode that an arm with this payload has not
+    except InputError:  # e.g. a mode that an arm with this payload does not have
         return None
     end: Perturbed | None = None
     for start in (fit.parameters, {}):
@@ -360,13 +359,13 @@ def _corrected(
         first, base = based.joints[1], based.joints[0]
         share = max(float(stiffness_or_stiffest(based, first, k)) / float(getattr(base, k)) for k in STIFFNESS)
         change = replace(change, off=share / KINDS["base rocks"].plausible)
-    else:  # the arm is the same, and so is the program that predicts what else it would show
+    else:  # the arm is the same, so that one program predicts further measurements
         end = end.among(hypotheses)
     return Explanation((change,), end.cost, end.fits, said=end.label_cost), end
 
 
 def _rematched(hypotheses: Hypotheses) -> Perturbed | None:
-    """Search from a start, and again from where that ends, each time with labels that are matched there."""
+    """Search repeatedly, each time from the last end with labels matched there."""
     end: Perturbed | None = None
     for _ in range(TURNS):
         (found,) = hypotheses.search()
@@ -384,7 +383,7 @@ def _by_cost(end: Perturbed) -> tuple[bool, float]:
 
 
 def _assumed(fit: CampaignFit, hypotheses: Hypotheses, before: Perturbed) -> Iterator[Explanation]:
-    """Yield assumptions of the fit that no search has set free, estimated by its score."""
+    """Yield assumptions of the fit that no search frees, estimated by its score test."""
     for item in fit.assumptions.items if fit.assumptions else ():
         test = item.test
         if item.kind in RIGID and test.separable and test.z > 1:

@@ -1,4 +1,4 @@
-"""The main job in one call: an arm and a campaign in, a fit out, with its warnings."""
+"""The main job in one call: from an arm and a campaign to a fit with its warnings."""
 
 from collections.abc import Callable, Collection, Hashable, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
 # -------- Fit
 
 FARTHEST = 20
-"""Values farthest off of which it is asked, in a large campaign, whether they were taken for others."""
+"""Number of worst outliers in a large campaign to test for swapped values."""
 NAMED = 30
-"""Rows that a remark names at most."""
+"""Most rows named in a remark."""
 ROUNDS, STILL = 4, 0.05
-"""Fits at most while damped modes move by damping; standard deviations that count as none."""
+"""Most fits while the damping moves damped modes; move [sd] that counts as none."""
 LEAST_CHANGE = 0.1
-"""Change of chi-squared that is worth a word; assumed."""
+"""Least change of chi-squared worth a remark; assumed."""
 
 
 @dataclass(frozen=True)
 class Loop(Ramp):
-    """The loop that a ramp of loads went through.
+    """Hysteresis loop of a ramp of loads.
 
     Attributes:
-        width: [m or rad] what was read while unloading, less what was read at the same load while loading.
-        largest: [m or rad] the largest value that was read.
+        width: [m or rad] reading while unloading, less the reading at the same load while loading.
+        largest: [m or rad] the largest reading.
     """
 
     width: float
@@ -60,13 +60,13 @@ class CampaignFit(Fit):
 
     Attributes:
         arm: with the numbers of its file.
-        campaign: what was measured, damping ratios aside.
-        assumptions: what it assumes, and what a violation may move; None where no optimum was reached.
-        exchanges: which two values, exchanged, would make data fit that do not.
-        weights: (D,) by which each value counts in a robust fit, see `ident.inference.scrutiny`; None in any other.
-        explanations: what would reconcile the data, see `ident.identify.explanations`; None where that was not asked.
-        damping: the law of damping given these stiffnesses; None where no damping ratio was measured.
-        poles: what was taken of it for frequencies and shapes of damped modes.
+        campaign: the measurements, without damping ratios.
+        assumptions: of the fit, and the effect of their violation; None if no optimum was reached.
+        exchanges: pairs of values whose swap would make contradictory data fit.
+        weights: (D,) of each value in a robust fit, see `ident.inference.scrutiny`; None in any other.
+        explanations: of contradictory data, see `ident.identify.explanations`; None if not requested.
+        damping: the law of damping given these stiffnesses; None without measured damping ratios.
+        poles: damping used for frequencies and shapes of damped modes.
     """
 
     arm: Arm
@@ -80,55 +80,55 @@ class CampaignFit(Fit):
 
     @property
     def off(self) -> Float[np.ndarray, "D"]:
-        """(predicted - measured) / sigma, with the sigmas as they were said."""
+        """(predicted - measured) / sigma, with the stated sigmas."""
         return self.residuals if self.weights is None else self.residuals / np.sqrt(self.weights)
 
     @property
     def standardised(self) -> Float[np.ndarray, "D"]:
-        """(predicted - measured) / standard deviation of that, see `RowTests.z`, with the sigmas as they were said."""
+        """(predicted - measured) / its standard deviation, see `RowTests.z`, with the stated sigmas."""
         return self.row_tests.z if self.weights is None else self.row_tests.z / np.sqrt(self.weights)
 
     @property
     def farthest_off(self) -> tuple[int, ...]:
-        """Places of the fitted measurements, that of the largest standardised residual first."""
+        """Indices of the fitted measurements, largest standardised residual first."""
         off = np.where(np.isfinite(np.asarray(self.problem.sigma)), np.abs(np.nan_to_num(self.standardised)), -1.0)
         order = np.argsort(-off, kind="stable")
         return tuple(order[off[order] >= 0].tolist())
 
     @property
     def suspicious(self) -> Bool[np.ndarray, "D"]:
-        """Which values are too far off: for so many, or to count for more than half in a robust fit."""
+        """Which values are outliers: corrected for their number, or in a robust fit with a weight below one half."""
         return self.outliers if self.weights is None else self.weights < SUSPICIOUS
 
     @property
     def p_value(self) -> float:
-        """Chance of a larger chi-squared, see `Fit`; NaN of a robust fit, whose weights hide what is off."""
+        """Probability of a larger chi-squared, see `Fit`; NaN for a robust fit, whose weights hide outliers."""
         return super().p_value if self.weights is None else np.nan
 
     @property
     def mislabelled(self) -> bool:
-        """Whether the modes that fit best are not those that labels and values make most probable."""
+        """Whether the best-fitting modes are not the most probable ones by labels and values."""
         return not self.choice.settled
 
     @property
     def renamed(self) -> tuple[int, ...]:
-        """Places of the measurements whose mode has another label on the fitted arm than was measured."""
+        """Indices of the measurements whose mode has another label on the fitted arm."""
         return tuple(np.flatnonzero(np.asarray(self.choice.cost) >= FAR).tolist())
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why no interval should be quoted from this fit; empty when there is no objection."""
+        """Objections to this fit: with any of them, no interval is reported."""
         contradict = "the measured frequencies match other modes than their labels say: check the labels"
         return (*((contradict,) if self.mislabelled else ()), *super().doubts)
 
     @property
     def in_doubt(self) -> bool:
-        """Whether there is any objection to the fit, or evidence against one of its assumptions."""
+        """Whether there is an objection to the fit, or evidence against one of its assumptions."""
         return bool(self.doubts or (self.assumptions and self.assumptions.asked_for))
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is odd about this fit, though it forbids no interval."""
+        """Remarks on this fit that do not suppress intervals."""
         names = row_names(self.campaign)
         rows = _several([f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed])
         mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
@@ -141,9 +141,9 @@ class CampaignFit(Fit):
 
     @property
     def without_rounding(self) -> tuple[float, int]:
-        """Chi-squared and degrees of freedom without how readings of one thing differ that a display has rounded.
+        """Chi-squared and degrees of freedom without scatter of repeated readings that a display's resolution hides.
 
-        They may all be equal, however large their sigmas: the display's steps hide that they are not.
+        Such readings may all be equal, however large their sigmas.
         """
         chi_squared, freedom = self.chi_squared, self.degrees_of_freedom
         if self.problem.correlation is not None or self.weights is not None:
@@ -159,7 +159,7 @@ class CampaignFit(Fit):
 
     @property
     def blamed_in_words(self) -> str:
-        """Which rows may be wrong by themselves; nothing where there is but one such row, an outlier, or none."""
+        """Write which rows alone may be wrong; empty if the only such row is an outlier, or there is none."""
         if not self.blamed or (self.outliers.sum() < 2 and len(self.blamed) < 2):
             return ""
         names = row_names(self.campaign)
@@ -169,7 +169,7 @@ class CampaignFit(Fit):
 
     @property
     def exchanges_in_words(self) -> tuple[str, ...]:
-        """Of each pair of rows, that the data would fit with its two values exchanged."""
+        """Write for each suspected pair of rows that the data would fit with its two values swapped."""
         names, words = row_names(self.campaign), []
         for each in self.exchanges:
             one, other = (names[i] for i in each.rows)
@@ -183,7 +183,7 @@ class CampaignFit(Fit):
 
     @property
     def loops(self) -> tuple[Loop, ...]:
-        """The loops of ramps of loads: how far what was read while unloading is from what was read while loading."""
+        """Hysteresis loops of ramps of loads: difference between readings while unloading and while loading."""
         values = np.abs([m.value for m in self.campaign])
         return tuple(
             Loop(**vars(ramp), width=self.parameters[ramp.name], largest=float(values[list(ramp.rows)].max()))
@@ -197,12 +197,12 @@ class CampaignFit(Fit):
 
     @property
     def posed(self) -> Posed:
-        """The campaign posed to the arm."""
+        """The campaign as a problem of this arm."""
         return Posed(self.campaign, self.problem)
 
 
 def _several(rows: Sequence[str]) -> str:
-    """Return rows in a row, of many the first ones."""
+    """Write a list of rows; of many, the first ones."""
     return ", ".join(rows[:NAMED]) + (f" and {len(rows) - NAMED} more" if len(rows) > NAMED else "")
 
 
@@ -217,23 +217,23 @@ def fit_campaign(
     robust: str | None = None,
     progress: Progress = iter,
 ) -> CampaignFit:
-    """Fit the joint stiffnesses, and what else is freed, to a campaign; given these its damping to damping ratios.
+    """Fit joint stiffnesses and other freed numbers to a campaign; then, given these, damping to damping ratios.
 
-    Frequencies and shapes of damped modes depend on both: their damping is that of a first search, and the fit is
-    repeated with what it finds itself until no row moves.
+    Frequencies and shapes of damped modes depend on both: their damping comes from a first search, and the fit is
+    repeated with its own damping until no row moves.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
-        unknowns: what is unknown, and its priors.
+        unknowns: with their priors.
         starts: number of starts.
         seed: of the starts.
-        trusted: rows whose values are right though implausible, see `check_values`.
-        robust: the loss by which values count less that are too far off.
+        trusted: rows with correct though implausible values, see `check_values`.
+        robust: loss function that reduces the weight of outliers.
         progress: wraps the numbers of the starts, to show a bar.
 
     Raises:
-        InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
+        InputError: campaign and arm, or the named parameters, do not match; implausible values.
         ModelError: no optimum was reached.
     """
     unknowns = unknowns or Unknowns()
@@ -260,7 +260,7 @@ def fit_campaign(
 
 
 def _damping_of_file(arm: Arm, campaign: Campaign) -> Poles:
-    """Return the arm's own damping where rows depend on what is fitted of it: loss factors too, for one program."""
+    """Return the arm's own damping if rows depend on fitted damping, with loss factors so that one program serves."""
     coupled = any(m.kind == RATIO for m in campaign) and any(m.of for m in campaign)
     return Poles({path: float(arm.get(path)) for path in arm.paths() if is_damping(path)} if coupled else {})
 
@@ -268,7 +268,7 @@ def _damping_of_file(arm: Arm, campaign: Campaign) -> Poles:
 def fit_with_poles(
     arm: Arm, campaign: Campaign, unknowns: Unknowns, search: Callable[[InverseProblem], Fit]
 ) -> tuple[Posed, Poles, Fit]:
-    """Fit stiffnesses, the damping of damped modes being what their ratios say given these; see `fit_campaign`."""
+    """Fit stiffnesses, with the damping of damped modes from their ratios given these; see `fit_campaign`."""
     poles = _damping_of_file(arm, campaign)
     posed, coupled = with_poles(arm, campaign, unknowns, poles), bool(poles.numbers)
     if coupled and np.isfinite((first := solve(posed.problem, posed.problem.parameters.theta_start)).cost):
@@ -283,7 +283,7 @@ def fit_with_poles(
 
 
 def with_poles(arm: Arm, campaign: Campaign, unknowns: Unknowns, poles: Poles) -> Posed:
-    """Pose a campaign to an arm whose damped modes are as their damping says."""
+    """Pose a campaign to an arm with the damping of its damped modes in place."""
     posed = pose(poles.on(arm), campaign, unknowns)
     if not any(poles.apart):
         return posed
@@ -291,14 +291,14 @@ def with_poles(arm: Arm, campaign: Campaign, unknowns: Unknowns, poles: Poles) -
 
 
 def damping_given(arm: Arm, posed: Posed, end: End | Fit, campaign: Campaign, unknowns: Unknowns) -> Damping | None:
-    """Return the law of damping where a fit, or a search, has ended; None where no ratio was measured.
+    """Return the law of damping at the end of a fit or of a search; None without measured ratios.
 
     Args:
-        arm: as its file has it.
-        posed: the campaign and the arm as it was fitted.
-        end: gives the stiffnesses and what is predicted.
+        arm: as in its file.
+        posed: the campaign and the fitted arm.
+        end: with stiffnesses and predictions.
         campaign: all rows.
-        unknowns: what is unknown.
+        unknowns: of the fit.
     """
     if not len(posed.ratios):
         return None
@@ -309,7 +309,7 @@ def damping_given(arm: Arm, posed: Posed, end: End | Fit, campaign: Campaign, un
 
 
 def _poles(arm: Arm, campaign: Campaign, unknowns: Unknowns, posed: Posed, end: End) -> Poles:
-    """Return the damping of the best law, and by how much rows differ by those that can't be told from it."""
+    """Return the damping of the best law, and the differences of rows under laws that the data cannot separate."""
     damping = damping_given(arm, posed, end, campaign, unknowns)
     assert damping is not None
     laws = [Poles(damping.numbers(law)) for law in (damping.best, *damping.rivals)]
@@ -324,7 +324,7 @@ def _predicted(arm: Arm, campaign: Campaign, unknowns: Unknowns, poles: Poles, e
 
 
 def _moved(arm: Arm, campaign: Campaign, unknowns: Unknowns, pair: tuple[Poles, Poles], best: Fit) -> float:
-    """Return by how many sigma a row moves at most from one damping to the next."""
+    """Return the largest move of a row [sigma] from one damping to the next."""
     before, now = (_predicted(arm, campaign, unknowns, poles, best.end) for poles in pair)
     apart = [np.array(poles.apart) if poles.apart else np.zeros(len(now)) for poles in pair]
     off = np.maximum(np.abs(now - before), np.abs(apart[1] - apart[0])) / np.asarray(best.problem.sigma)
@@ -332,14 +332,14 @@ def _moved(arm: Arm, campaign: Campaign, unknowns: Unknowns, pair: tuple[Poles, 
 
 
 def units_of(campaign: Campaign) -> Int[np.ndarray, "D"]:
-    """Return the number of each row's unit: rows of a group, and components of a vector, are one."""
+    """Return each row's unit number: rows of a group, or components of a vector, share one."""
     units: dict[Hashable, int] = {}
     rows = enumerate(campaign)
     return np.array([units.setdefault(m.group or vector_of(m) or i, len(units)) for i, m in rows], int)
 
 
 def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:
-    """Return which two values may have been exchanged, where data or labels do not fit."""
+    """Return the pairs of values that may have been swapped, if data or labels do not fit."""
     odd = fit.mislabelled or fit.improbable or fit.outliers.any()
     if not (odd and fit.best.converged and fit.degrees_of_freedom > 0):
         return ()

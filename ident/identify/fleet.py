@@ -1,4 +1,4 @@
-"""Many robots of one design: what each one's data say, and the population of their stiffnesses."""
+"""Many robots of one design: the likelihood of each, and the population of their stiffnesses."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,19 +36,19 @@ from ident.inference.sample import Settings, sample
 from ident.measure import Campaign
 
 FEWEST = 3
-"""Robots that a spread needs."""
+"""Least number of robots for a spread."""
 WIDEST = 10.0
-"""Width in theta of the prior of a population's mean where the robots' own fits have none;
-wide enough to say nothing."""
+"""Width in theta of the prior of a population's mean if the robots' own fits have none; wide enough to be
+uninformative."""
 
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file that a robot's fit was made from.
+    """An input file of a robot's fit.
 
     Attributes:
-        path: as it was named.
-        sha256: hexadecimal digest of its bytes; empty where it could not be read.
+        path: as given.
+        sha256: hexadecimal digest of its bytes; empty if it could not be read.
     """
 
     path: str = ""
@@ -57,21 +57,21 @@ class SourceFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """One robot: its own fit, and what its data say of its stiffnesses.
+    """One robot: its own fit, and the likelihood of its stiffnesses.
 
     Attributes:
         name: its file's, or its folder's.
         campaign: the measurements.
         arm: the description.
-        error: why it has no fit, a line for each reason; empty where it has one.
+        error: why it has no fit, a line for each reason; empty if it has one.
         names: (P,) its stiffnesses.
         theta: (P,) logarithms of its own estimates [ln N m/rad].
         sd: (P,) their standard deviations by its data and the interim prior.
         prior_mean: (P,) of that prior, in theta.
         prior_sd: (P,) infinite for none.
-        likelihood: what its data say of theta, prior divided out.
+        likelihood: of theta, prior divided out.
         measurements: number of them.
-        damping_ratio: geometric mean of the measured modes', by the law of its damping; 0 where none was measured.
+        damping_ratio: geometric mean over the measured modes, by the law of its damping; 0 if none was measured.
         doubts: objections to the fit.
     """
 
@@ -101,9 +101,9 @@ class Fleet:
 
     Attributes:
         robots: all, by name.
-        members: places of those whose fits make the population: they have one, without any objection.
+        members: indices of the robots in the population: those with a fit without objections.
         names: (P,) stiffnesses.
-        population: of the logarithms of the stiffnesses; None of fewer than three members.
+        population: of the logarithms of the stiffnesses; None for fewer than three members.
     """
 
     robots: tuple[Robot, ...]
@@ -118,25 +118,25 @@ class Fleet:
 
     @property
     def doubted(self) -> tuple[Robot, ...]:
-        """Robots whose data contradict the model or each other: they are no part of the population."""
+        """Robots whose data contradict the model or each other: they do not belong to the population."""
         return tuple(robot for robot in self.robots if robot.doubts and not robot.failed)
 
     @cached_property
     def deviations(self) -> Deviations | None:
-        """Each member judged by the other members; None of fewer than three members."""
+        """Deviation of each member from the others; None for fewer than three members."""
         if len(self.members) < FEWEST:
             return None
         return deviations([self.robots[i].likelihood for i in self.members], *self.search_prior)
 
     @property
     def search_prior(self) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "P"]]:
-        """Mean and standard deviation in theta from which the population's means are searched: the interim prior's."""
+        """Mean and standard deviation in theta at the start of the search for the means: the interim prior's."""
         first = self.robots[self.members[0]]
         return first.prior_mean, np.minimum(first.prior_sd, WIDEST)
 
     @property
     def standing_out(self) -> Mapping[int, tuple[int, ...]]:
-        """Places of the stiffnesses that stand out, by the robot's place among the members; the clearest first."""
+        """Indices of significantly deviating stiffnesses, by the robot's index among the members; clearest first."""
         out: dict[int, tuple[int, ...]] = {}
         for robot, stiffness in self.deviations.named if self.deviations else ():
             out[robot] = (*out.get(robot, ()), stiffness)
@@ -149,8 +149,8 @@ class Stiffnesses:
 
     Attributes:
         names: (P,)
-        places: (P,) among the unknowns.
-        others: places of the others.
+        places: (P,) indices among the unknowns.
+        others: indices of the others.
         prior_mean: (P,) in theta.
         prior_sd: (P,) infinite for none.
     """
@@ -189,14 +189,14 @@ class Linear:
 
 
 def linear(fit: Fit) -> Linear:
-    """Return what a fit is near its optimum."""
+    """Return the linearisation of a fit at its optimum."""
     slope = fit.problem.scaled(np.asarray(fit.jacobian))
     residuals = fit.problem.scaled(np.asarray(fit.predicted) - np.asarray(fit.problem.measured))
     return Linear(np.asarray(fit.best.theta), fit.information.sd, residuals, slope)
 
 
 def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
-    """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors."""
+    """Return a robot with the likelihood of its stiffnesses; other unknowns are integrated out under their priors."""
     robot = robot_at(linear(fit), fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
     ratio = float(np.exp(np.nanmean(np.log(fit.damping.predicted)))) if fit.damping else 0.0
     known: dict[str, Any] = {"measurements": len(fit.campaign), "damping_ratio": ratio, "doubts": fit.doubts}
@@ -204,10 +204,10 @@ def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile)
 
 
 def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Robot:
-    """Return what residuals r and their slope J at a fit say of the stiffnesses of a robot without a name.
+    """Return a robot without a name, with the likelihood of its stiffnesses from residuals r and slope J at a fit.
 
-    The data say exp(-|r + J (theta - theta_fit)|^2 / 2): no prior is in it, of whatever form, that would have to be
-    divided out again.
+    The likelihood is exp(-|r + J (theta - theta_fit)|^2 / 2): it contains no prior, of whatever form, that would have
+    to be divided out.
     """
     places, others = stiffnesses.places, stiffnesses.others
     precision = at.slope.T @ at.slope
@@ -215,7 +215,7 @@ def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Ro
     off, prior_slope = (np.asarray(part) for part in parameters.prior_residuals(at.theta))
     precision[others, others] += prior_slope[others] ** 2
     shift[others] += prior_slope[others] ** 2 * at.theta[others] - prior_slope[others] * off[others]
-    # the others are integrated out; what nothing bounds tells nothing
+    # the others are integrated out; an unbounded one removes its direction
     A, B, D = (precision[np.ix_(*pair)] for pair in ((places, places), (places, others), (others, others)))
     share = B @ np.linalg.pinv(D, hermitian=True)
     return Robot(
@@ -235,12 +235,12 @@ Redraw = Callable[[Sequence[Robot], Under], Sequence[Draws | None]]
 def fleet(robots: Iterable[Robot], *, seed: int = 0, redraw: Redraw | None = None) -> Fleet:
     """Infer the population of the stiffnesses of robots of one design.
 
-    A robot of other stiffnesses than most have is none of the fleet: it is counted as failed.
+    A robot with other stiffness names than most does not belong to the fleet: it counts as failed.
 
     Args:
         robots: fitted, or failed.
-        seed: of what is drawn.
-        redraw: draws robots under a population, each weighed by its data; without, normal approximations do.
+        seed: of the draws.
+        redraw: draws robots under a population, each weighted by its data; without it, normal approximations stay.
 
     Raises:
         InputError: robots of one name.
@@ -270,15 +270,14 @@ def _of_the_fleet(robot: Robot, names: tuple[str, ...]) -> Robot:
 
 
 # -------- Fleet draws
-# What a robot's data say by draws that the exact model weighs, where a normal approximation may not do.
+# Likelihood of a robot by draws weighted with the exact model, where a normal approximation may be insufficient.
 
 COUNT, CHUNK = 4000, 64
-"""Draws of a robot, and how many of them are computed together."""
+"""Draws of a robot, and number of draws computed together."""
 HEAVY = 5.0
-"""Degrees of freedom of the densities that are drawn from: their tails shall be above those of what is drawn;
-assumed."""
+"""Degrees of freedom of the proposal densities: heavier tails than the target; assumed."""
 HEALTHY = 0.5
-"""Share of the draws that takes all stiffnesses for healthy; in each of the others one is off; assumed."""
+"""Share of draws with all stiffnesses healthy; each of the others has one fault; assumed."""
 STARTS = 2
 ENOUGH = 1000.0
 """Effective draws of chains."""
@@ -294,23 +293,23 @@ class Normal(NamedTuple):
 def draws_under(
     arm: Arm, campaign: Campaign, unknowns: Unknowns, under: Under, seed: int, *, chains: bool = False
 ) -> Draws | None:
-    """Draw a robot's stiffnesses about its optimum under a population, each weighed by the likelihood of its data.
+    """Draw a robot's stiffnesses about its optimum under a population, each weighted by the likelihood of its data.
 
-    Drawn are all unknowns, from a mixture of Student's t about the optimum, linearised there: the stiffnesses as the
-    population's healthy ones, and one after the other off. The others keep their priors. The t are in the reciprocals
-    of what is positive: deflections are nearly linear in compliances. Where data so few leave so wide an area that the
-    weights can't be trusted, chains draw instead.
+    All unknowns are drawn, from a mixture of Student's t about the optimum, linearised there: with all stiffnesses
+    healthy, and with one after the other faulty. The other unknowns keep their priors. The t are in the reciprocals of
+    positive unknowns, as deflections are nearly linear in compliances. If few data allow so wide a region that the
+    weights cannot be trusted, chains draw instead.
 
     Args:
-        arm: its stiffnesses are named as the population's, in their order.
+        arm: its stiffnesses have the population's names, in their order.
         campaign: the measurements.
         unknowns: of the robot's own fit.
         under: the population.
         seed: of the draws.
-        chains: let chains draw in any case.
+        chains: use chains in any case.
 
     Returns:
-        None where the robot has no optimum there, or the model no answer about it.
+        None if the robot has no optimum there, or the model no solution near it.
     """
     posed = pose(arm, campaign, unknowns)
     own = Stiffnesses.of(posed.problem.parameters)
@@ -328,10 +327,10 @@ def draws_under(
 
 
 def _weighed(found: Fit, own: Stiffnesses, seed: int) -> Draws:
-    """Draw from a mixture, and weigh by the exact model.
+    """Draw from a mixture, and weight by the exact model.
 
     Raises:
-        ModelError: it has no answer for any draw.
+        ModelError: it has no solution for any draw.
     """
     at, problem = linear(found), found.problem
     positive, parts = problem.parameters.positive, _parts(at, problem.parameters, own.places)
@@ -354,7 +353,7 @@ def _chains(found: Fit, own: Stiffnesses, under: Under, seed: int) -> Draws:
 
 
 def _parts(at: Linear, parameters: Parameters, stiffnesses: list[int]) -> list[Normal]:
-    """Return the posteriors by linearised data: of a healthy robot, and with one stiffness after the other off."""
+    """Return the posteriors by linearised data: of a healthy robot, and with one stiffness after the other faulty."""
     precision = at.slope.T @ at.slope
     shift = precision @ at.theta - at.slope.T @ at.residuals
     centre = parameters.theta_centre
@@ -370,11 +369,11 @@ def _shares(parts: list[Normal]) -> np.ndarray:
 
 
 def _drawn(parts: list[Normal], positive: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draw from the mixture, `(n, U)`; a draw of which a reciprocal is not positive is left out."""
+    """Draw from the mixture, `(n, U)`, without draws that have a nonpositive reciprocal."""
     counts = rng.multinomial(COUNT, _shares(parts))
     theta = []
     for part, n in zip(parts, counts, strict=True):
-        away = _student(part).rvs(n, random_state=rng).reshape(n, -1)  # 1 - exp(mean - theta) of what is positive
+        away = _student(part).rvs(n, random_state=rng).reshape(n, -1)  # 1 - exp(mean - theta) if positive
         with np.errstate(invalid="ignore", divide="ignore"):
             theta.append(part.mean + np.where(positive, -np.log1p(-np.where(positive, away, 0.0)), away))
     whole = np.concatenate(theta)

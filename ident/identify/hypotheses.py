@@ -1,10 +1,10 @@
-"""Hypotheses about what is otherwise than the arm file and the campaign say: their table, their limits, the search.
+"""Hypotheses about wrong inputs of arm file and campaign: their table, their limits, the search.
 
-`KINDS` is the one table of what may be wrong, each with what is plausible of it before the data; a fit's assumptions
-(`fit.assumptions`) and explanations (`explanations.explain`) are hypotheses of these kinds, or entry errors. All are
-scored alike, by minus twice the logarithm of their probability: the cost that data, priors and labels leave, and the
-square of the implausible amount. Causes of a vibration have no such cost, as the noise of a trace is not known: they
-are scored by the share of its energy that they leave (`ident.vibrate.hypotheses`).
+`KINDS` is the one table of inputs that may be wrong, each with its plausible size before the data; a fit's assumptions
+(`fit.assumptions`) and explanations (`explanations.explain`) are hypotheses of these kinds, or entry errors. All have
+the same score, minus twice the logarithm of their probability: the remaining cost of data, priors and labels, and the
+square of the implausibility. Causes of a vibration have no such cost, as the noise of a trace is unknown: their score
+is the residual share of its energy (`ident.vibrate.hypotheses`).
 """
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -35,15 +35,15 @@ from ident.measure import Campaign
 from ident.programs import RUNS_ONCE, jit
 
 # -------- Kinds
-# What may be wrong, how much of it is plausible, and from which evidence on a hypothesis counts.
+# Inputs that may be wrong, their plausible size, and the evidence from which a hypothesis counts.
 
 CHANCE = 0.01
-"""Chance of a larger cost from which nothing is left to explain."""
+"""P-value of the cost above which nothing remains to be explained."""
 MARGIN = 2.0
-"""By how much a hypothesis must score below the data as they are to be listed: less is "not worth more than a bare
-mention" (Kass, Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995, section 3.2)."""
+"""Least fall of the score, from that of the data as they are, for a hypothesis to be listed: less is "not worth more
+than a bare mention" (Kass, Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995, section 3.2)."""
 SLIP = 2.6
-"""Standard deviations that an entry error counts as, one in a hundred campaigns; assumed."""
+"""Implausibility [sd] of an entry error, one in a hundred campaigns; assumed."""
 ASSUMED = "assumed"
 DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
 
@@ -54,10 +54,10 @@ class Kind:
 
     Attributes:
         plausible: standard deviation of its amount before the data: of ln(factor), or of a share.
-        of: what it is a factor, or a share, of.
+        of: reference quantity of the factor or share.
         factor: whether it is a factor, exp(amount); else the amount is a share.
-        positive: whether it can't be negative.
-        origin: where the plausible amount comes from.
+        positive: whether it cannot be negative.
+        origin: source of the plausible amount.
     """
 
     plausible: float
@@ -82,30 +82,30 @@ KINDS = {
     "clock": Kind(0.005, "all frequencies", factor=True),
     "spring": Kind(0.1, "the torque at the largest load of all that were measured", positive=True),
 }
-"""No published ratio of a base's stiffness to a first joint's was found: a base is taken to be five times as stiff as
-joint 1 at least, the softest with which rates were studied (tests/benchmarks/README.md). What `spring` adds grows with
-the cube of the angle: the secant rises by its share, the tangent by three times it."""
+"""No published ratio of a base's stiffness to that of joint 1 is known: a base is assumed to be at least five times as
+stiff, the softest case in the study of detection rates (tests/benchmarks/README.md). The moment of `spring` grows with
+the cube of the angle: the secant rises by its share, the tangent by three times its share."""
 SOFT = ("base rocks", "base turns")
 RIGID = ("link bends", "link twists", "servo gives")
-"""Kinds that no search sets free: the score test of a fit estimates them (`fit.assumptions`)."""
+"""Kinds that no search frees: the score test of a fit estimates them (`fit.assumptions`)."""
 SCALES = ("scale", "clock")
 
 # -------- Alternatives
-# What might be otherwise than an arm file and a campaign say, as numbers that a search can move.
+# Possible errors of an arm file and a campaign, as numbers that a search can move.
 
 UNLOADED = 1e-3
-"""Moment [N m] below which a bushing counts as unloaded, so that a curve of its spring shows nothing."""
+"""Moment [N m] below which a bushing counts as unloaded, so that nonlinearity of its spring has no effect."""
 FIXED = 1e-6
-"""Length [m] of a link that has none."""
+"""Length [m] below which a link counts as having none."""
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number that may be otherwise.
+    """One input that may be wrong.
 
     Attributes:
         kind: one of `KINDS`.
-        of: the body, link or kind of measurement; of a spring `joint2.torsion`.
+        of: the body, link or kind of measurement; for a spring `joint2.torsion`.
     """
 
     kind: str
@@ -113,20 +113,20 @@ class Number:
 
     @property
     def name(self) -> str:
-        """What it is called among the parameters of a model."""
+        """Its name among the parameters of a model."""
         return f"/{self.kind}/{self.of}"
 
     @property
     def parameter(self) -> Parameter:
-        """The number as an unknown, zero where nothing is otherwise."""
+        """The number as an unknown, zero without an error."""
         return Parameter((self.name,), False, 0.0, 0.0, nuisance=True)
 
 
 class AlteredModel(ArmModel):
-    """The model of a campaign in which further numbers may be otherwise; where they are zero, the model that it was.
+    """The model of a campaign with further errors as parameters; with all of them zero, the original model.
 
     Attributes:
-        numbers: which.
+        numbers: these errors.
         moments: (N, 2) [N m] largest bending and torsional moment on each bushing among the states.
     """
 
@@ -148,7 +148,7 @@ class AlteredModel(ArmModel):
         return (self._curved(arm, springs) if springs else arm), conditions
 
     def _curved(self, arm: Arm, amounts: Mapping[str, Any]) -> Arm:
-        """Give springs a cubic part: at the largest moment M, where the angle is M/k, it is so large a share of k x."""
+        """Give springs a cubic part: at the largest moment M, where the angle is M/k, its amount is a share of k x."""
         assert self.moments is not None
         places = {joint.name: place for place, joint in enumerate(arm.joints)}
         springs = list(arm.springs)
@@ -163,9 +163,9 @@ class AlteredModel(ArmModel):
 def altered_numbers(
     model: ArmModel, kinds: tuple[str, ...], taken: Mapping[str, float], moments: Float[np.ndarray, "N 2"]
 ) -> Iterator[Number]:
-    """Yield all that might be otherwise and is not an unknown already, payloads that never were on among them.
+    """Yield all possible errors that are not unknowns already, also of payloads that were never on.
 
-    So a campaign in which one of them was on after all has the same numbers, and the same program.
+    So a campaign with such a payload on has the same numbers, and the same program.
 
     Args:
         model: of the campaign.
@@ -179,7 +179,7 @@ def altered_numbers(
         if joint.link and np.linalg.norm(end_of(arm, place)) > FIXED:
             if not any(f"{body.name}.com." in path for body in joint.link for path in taken):
                 yield Number("mass centre", joint.name)
-            # what makes its length: the next bushing's offset, or the points at the arm's end
+            # its length: the next bushing's offset, or the points at the arm's end
             ends = [f"{point.name}.position." for point in arm.points if point.joint == joint.name]
             ends = [f"{arm.joints[place + 1].name}.offset."] if place + 1 < len(arm.joints) else ends
             if not any(end in path for end in ends for path in taken):
@@ -205,7 +205,7 @@ def largest_moments(model: ArmModel, parameters: Mapping[str, Any]) -> Float[Any
 
 
 def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
-    """Return an arm of other masses, mass centres and lengths."""
+    """Return an arm with changed masses, mass centres and lengths."""
     masses = {**amounts.get("mass", {}), **amounts.get("payload", {})}
     centres, lengths = amounts.get("mass centre", {}), amounts.get("length", {})
     if not (masses or centres or lengths):
@@ -235,28 +235,28 @@ def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
 
 
 # -------- Perturbations
-# Searches of a campaign's optimum with some numbers of arm and campaign otherwise than they were said to be.
+# Searches for a campaign's optimum with some inputs of arm and campaign perturbed.
 #
 # One program predicts the campaign with all unknowns and all such numbers, and its slopes along a few directions; each
-# search moves the unknowns and one or two of the numbers, and all searches look together (`search.together`).
+# search moves the unknowns and one or two of the numbers, and all searches share evaluations (`search.together`).
 
 RIDGES = 3.0, 20.0
-"""How many times its plausible width a number may move before that counts, at first and at last."""
+"""Width of the ridge penalty on a number, as a multiple of its plausible width: first and last."""
 STEP_OFF = 20.0
-"""Sigmas by which a value that is wrong may be off before that counts, likewise."""
+"""Plausible size of a wrong value's error [its sigma], for the same penalty."""
 STEPS = 60
-"""Looks of a search, at most: what has not ended by then has found no explanation."""
+"""Most evaluations of a search: without convergence by then there is no explanation."""
 TOGETHER = 2
-"""Perturbations that are at work together at most."""
+"""Most perturbations at the same time."""
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """Numbers that are otherwise together, by the same amount in their own unit: one thing that may be wrong.
+    """One possible error: numbers that change together, by the same amount in their own unit.
 
     Attributes:
-        numbers: them; of a row that is wrong, none.
-        row: place of a value that is wrong; -1 for none.
+        numbers: that change; none for a wrong row.
+        row: index of a wrong value; -1 for none.
     """
 
     numbers: tuple[Number, ...] = ()
@@ -265,17 +265,17 @@ class Perturbation:
 
 @dataclass(frozen=True)
 class Perturbed:
-    """The optimum of a campaign with some perturbations at work.
+    """The optimum of a campaign with some perturbations.
 
     Attributes:
-        hypotheses: among which it was found.
-        amounts: of each perturbation, in its own unit (see `KINDS`); of a row, by how many of its sigmas it is off.
+        hypotheses: to which it belongs.
+        amounts: of each perturbation, in its own unit (see `KINDS`); for a row, its error in sigmas.
         sd: of these by data and priors.
-        cost: sum of squares of data and priors at the optimum, without what is known of the amounts.
+        cost: sum of squares of data and priors at the optimum, without the priors of the amounts.
         label_cost: of the labels there, minus twice the logarithm of their probability.
-        fits: whether cost, values, kinds and labels all agree with it, as the verdict on a fit asks.
-        theta: where: the unknowns, then all numbers that may be otherwise.
-        way: how unknowns and amounts make up all these.
+        fits: whether cost, values, kinds and labels all agree with it, by the rules for a fit's verdict.
+        theta: of the optimum: the unknowns, then all possible errors.
+        way: matrix from unknowns and amounts to theta.
         covariance: of unknowns and amounts, by data and priors.
     """
 
@@ -291,13 +291,13 @@ class Perturbed:
 
     @property
     def values(self) -> dict[str, float]:
-        """The unknowns and what is otherwise, by path [SI]."""
+        """The unknowns and the perturbed numbers, by path [SI]."""
         parameters = self.hypotheses.problem.parameters
         values = parameters.by_path(np.asarray(parameters.values(self.theta)))
         return {path: float(x) for path, x in values.items()}
 
     def among(self, hypotheses: "Hypotheses") -> "Perturbed":
-        """Return the same as one of further hypotheses about the same arm, none of whose numbers is otherwise."""
+        """Return the same optimum among further hypotheses about the same arm, with none of their numbers perturbed."""
         more = (0, len(hypotheses.start.theta) - len(self.theta))
         way = np.pad(self.way, (more, (0, 0)))
         return replace(self, hypotheses=hypotheses, theta=np.pad(self.theta, more), way=way)
@@ -305,7 +305,7 @@ class Perturbed:
     def predict(
         self, campaign: Campaign, conditions: Conditions
     ) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D"]]:
-        """Return what it predicts of other measurements of the arm in the base frame, and the standard deviation."""
+        """Return predictions of other measurements of the arm in the base frame, and their standard deviations."""
         own, count = self.hypotheses, len(campaign)
         assert isinstance(own.problem.model, ArmModel)
         model = replace(own.problem.model, conditions=conditions, frames=None)
@@ -321,13 +321,13 @@ class Perturbed:
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """A campaign, and all numbers that may be otherwise.
+    """A campaign, and all possible errors of its inputs.
 
     Attributes:
-        problem: their values after the unknowns, all unknowns with a prior.
-        unknowns: how many there are.
-        numbers: what may be otherwise.
-        start: theta of the unknowns at the fit, then zeros; what is predicted there, and its slope by all.
+        problem: with the errors as parameters after the unknowns, all unknowns with a prior.
+        unknowns: their number.
+        numbers: the possible errors.
+        start: theta of the unknowns at the fit, then zeros; prediction there, and its slope by all.
     """
 
     problem: InverseProblem
@@ -337,7 +337,7 @@ class Hypotheses:
 
     @cached_property
     def freedom(self) -> int:
-        """Values and priors less the directions that they see together."""
+        """Number of values and priors less the number of directions that they determine together."""
         s = np.linalg.svd(self._weigh(self._along(()), np.zeros(0))[1], compute_uv=False)
         seen = int((s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)).sum())
         proper = int(self.problem.parameters.proper[: self.unknowns].sum())
@@ -346,14 +346,14 @@ class Hypotheses:
     def search(
         self, sets: Sequence[Sequence[Perturbation]] = ((),), ridges: Sequence[float] = RIDGES, ended: Any = bool
     ) -> list[Perturbed | None]:
-        """Return the optimum with each set of perturbations at work; None where the model has no answer.
+        """Return the optimum with each set of perturbations; None where the model has no solution.
 
-        They are held near zero by their plausible widths, ever less so until nothing is left to explain. A search
-        begins at the fit and, where that leads nowhere, at the priors' centre.
+        A ridge penalty with their plausible widths holds them near zero, ever weaker until nothing remains to be
+        explained. A search begins at the fit and, if that fails, at the priors' centre.
 
         Args:
-            sets: what may be otherwise together.
-            ridges: how many of its widths each may move before that counts as one.
+            sets: perturbations that act together.
+            ridges: widths of the penalty, as multiples of the plausible widths.
             ended: called whenever a search has ended.
         """
         return together([self._search(each, ridges) for each in sets], self._looks, ended)
@@ -396,25 +396,25 @@ class Hypotheses:
 
     @property
     def effective(self) -> tuple[Number, ...]:
-        """The numbers on which any value depends: a payload that was never on is none of them."""
+        """The numbers on which any value depends, without payloads that were never on."""
         columns = self.start.jacobian.T[self.unknowns :]
         return tuple(n for n, column in zip(self.numbers, columns, strict=True) if column.any())
 
     def gain(self, perturbations: Sequence[Perturbation]) -> float:
-        """Return by how much the cost would fall in the first of the searches, were the model linear."""
+        """Return the fall of the cost in the first search, in the linear model."""
         residuals, slope = self._weigh(self._along(perturbations), RIDGES[0] * self._widths(self._way(perturbations)))
         step, *_ = np.linalg.lstsq(slope, -residuals, rcond=RANK_TOLERANCE)
         return float(residuals @ residuals - ((residuals + slope @ step) ** 2).sum())
 
     def chance(self, cost: float, spent: int) -> float:
-        """Return the chance of a larger cost with so many perturbations set free, if nothing else is wrong."""
+        """Return the p-value of a cost with this number of free perturbations."""
         from scipy.special import chdtrc
 
         left = self.freedom - spent
         return float(chdtrc(left, cost)) if left > 0 else float(cost < 1.0)
 
     def at(self, theta: Float[np.ndarray, "U"], held: Any = None) -> "Hypotheses":
-        """Return the same with another start, where the labels are matched as is held, or else again."""
+        """Return the same with another start, with the held matching of labels, or a new one."""
         theta = np.append(theta, np.zeros(len(self.numbers)))
         if not isinstance(self.problem.model, AlteredModel):
             return replace(self, start=look(self.problem, theta, held))
@@ -427,7 +427,7 @@ class Hypotheses:
         return replace(self, start=End(theta, np.nan, np.full(len(theta), np.nan), predicted, slopes, each[0][2]))
 
     def filled(self, way: Float[np.ndarray, "Q p"]) -> Float[np.ndarray, "Q most"]:
-        """Return a way of as many directions as any has, so that one program serves all."""
+        """Return a way padded to the largest number of directions, so that one program serves all."""
         return np.pad(way, ((0, 0), (0, self.unknowns + TOGETHER - way.shape[1])))
 
     def _along(self, perturbations: Sequence[Perturbation]) -> End:
@@ -436,7 +436,7 @@ class Hypotheses:
         return self.start._replace(theta=self.start.theta @ way, jacobian=self.start.jacobian @ way)
 
     def _way(self, perturbations: Sequence[Perturbation]) -> Float[np.ndarray, "Q p"]:
-        """Return how unknowns and perturbations make up all coordinates."""
+        """Return the matrix from unknowns and perturbations to all coordinates."""
         places = {number: self.unknowns + i for i, number in enumerate(self.numbers)}
         way = np.eye(self.unknowns + len(self.numbers), self.unknowns + len(perturbations))
         way[:, self.unknowns :] = 0.0
@@ -462,7 +462,7 @@ class Hypotheses:
     def calibrated(
         self, kinds: Sequence[str], theta: np.ndarray, way: np.ndarray, predicted: np.ndarray, slopes: np.ndarray
     ) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D p"]]:
-        """Return predictions (D,) of these kinds and slopes (D, p) along a way, as gauges that are off have them."""
+        """Return predictions (D,) and slopes (D, p) along a way, with the gauge errors of these kinds applied."""
         for place, number in enumerate(self.numbers, self.unknowns):
             if number.kind in SCALES:
                 own = np.array(kinds) == number.of
@@ -477,7 +477,7 @@ class Hypotheses:
 
     @cached_property
     def _known(self) -> Parameters:
-        """The unknowns, without what may be otherwise."""
+        """The unknowns, without the possible errors."""
         return Parameters(self.problem.parameters.items[: self.unknowns])
 
     @cached_property
@@ -500,7 +500,7 @@ class Hypotheses:
 
 
 class _Ask(NamedTuple):
-    """Where a search wants to look: with which perturbations, how these make up theta, where, by what is held."""
+    """A point that a search requests: its perturbations, their matrix to theta, the point, the held matching."""
 
     perturbations: Sequence[Perturbation]
     way: Float[np.ndarray, "Q p"]
@@ -511,13 +511,13 @@ class _Ask(NamedTuple):
 def hypotheses_of(
     posed: Posed, fitted: Mapping[str, float], held: Any = None, *, altered: bool = True
 ) -> Hypotheses | None:
-    """Return what may be otherwise than a fit takes it to be; None where the model has no answer.
+    """Return the possible errors of a fit's inputs; None where the model has no solution.
 
     Args:
-        posed: what is to be fitted; every stiffness has a prior.
-        fitted: where to begin, by path [SI]; at the priors' centre where it says nothing.
-        held: the modes that the fit has matched labels to; they are matched again without.
-        altered: whether any number may be otherwise; else the fit's own program serves the searches.
+        posed: the problem to fit; every stiffness has a prior.
+        fitted: start, by path [SI]; missing numbers start at the priors' centre.
+        held: the fit's matching of labels to modes; without it they are matched again.
+        altered: whether any number may be wrong; else the fit's own program serves the searches.
     """
     problem, model = posed.problem, posed.problem.model
     if not isinstance(model, ArmModel):  # scaled by discrepancies, which are explanations already

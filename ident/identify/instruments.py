@@ -1,4 +1,4 @@
-"""What there is to measure with: instruments, how exact they are and what they cost; and postures that may be held."""
+"""Available instruments with their accuracy and cost, and the postures that an arm can hold."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,26 +21,25 @@ from ident.text import no_such
 # -------- Instruments
 
 SIGMA = {"frequency": 0.005, "deflection": 0.02}
-"""Standard deviations as shares of the value, where a campaign does not say; assumed."""
+"""Default standard deviations as shares of the value; assumed."""
 RESOLUTION = 1e-5
-"""Standard deviation [m] that a dial gauge has however small the deflection; assumed."""
+"""Least standard deviation [m] of a dial gauge, for any deflection; assumed."""
 COSTS = {"posture": 10.0, "hammer": 10.0, "labels": 10.0, "dial": 10.0, "load": 20.0}
 """Minutes for each part of an experiment; assumed."""
 MOST_COMMON = 0.99
-"""Common share of a variance at most: what is left is noise, which every reading has."""
+"""Largest common share of a variance: the rest is noise, which every reading has."""
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """What is at hand to measure with.
+    """Available instruments.
 
     Attributes:
-        modes: frequencies that a hammer test gives, from the lowest.
+        modes: number of frequencies from a hammer test, from the lowest.
         loads: the load cases.
         sigma: by kind, the standard deviation as a share of the value.
         costs: of the parts of an experiment, in one unit, see `COSTS`.
-        common: share of the variance that all readings of a value in one state have in common: a repeat makes it no
-            smaller.
+        common: share of the variance common to all readings of a value in one state: a repeat does not reduce it.
     """
 
     modes: int = 4
@@ -92,26 +91,26 @@ def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float],
 
 
 # -------- Posture grid
-# The postures that an arm's limits and workspace admit: a grid over the driven joints, thinned out where too large.
+# Postures within an arm's limits and workspace: a grid over the driven joints, thinned out if too large.
 
 STEP = math.radians(30.0)
 SLACK = 1e-9
-"""Rounding [rad] that is forgiven at a limit."""
+"""Rounding [rad] accepted at a limit."""
 MARGIN = math.radians(2.0)
-"""Distance from a joint's limit that planned postures keep: controllers stop before it; assumed."""
+"""Distance of planned postures from a joint's limit, as controllers stop before it; assumed."""
 MOST = 2048
-"""Postures at most; a power of two, as Sobol's sequence likes."""
+"""Most postures; a power of two, for Sobol's sequence."""
 
 
 def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[np.ndarray, "G joints"], bool]:
-    """Return postures [rad] that may be held, and whether they are a sample of a grid that would be too large.
+    """Return holdable postures [rad], and whether they are a sample, as the full grid would be too large.
 
-    The angles of a joint, or the factor of a line of postures, are the multiples of `step` within the limits. Where
-    that makes more than `MOST` postures, as many are drawn from Sobol's sequence and rounded to whole degrees; a first
-    joint about the vertical, which makes no difference to weights, is held near zero in these.
+    The angles of a joint, or the factor of a line of postures, are the multiples of `step` within the limits. If that
+    makes more than `MOST` postures, `MOST` are drawn from Sobol's sequence and rounded to whole degrees; in these a
+    first joint about the vertical stays near zero, as it does not affect gravity loads.
 
     Raises:
-        InputError: the step is none, a joint's limits are beyond a full turn altogether, or no posture may be held.
+        InputError: an invalid step, a joint's limits entirely beyond a full turn, or no holdable posture.
     """
     postures, sampled = all_postures(arm, step, seed)
     admitted = postures[may_be_held(arm, postures)]
@@ -122,10 +121,10 @@ def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[
 
 
 def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G joints"], bool]:
-    """Return the postures [rad] of `posture_grid` before the workspace thins them out; nothing is compiled for it.
+    """Return the postures [rad] of `posture_grid` before the workspace check, without any compilation.
 
     Raises:
-        InputError: the step is none, or a joint's limits are beyond a full turn altogether.
+        InputError: an invalid step, or a joint's limits entirely beyond a full turn.
     """
     if not 0 < step <= 2 * math.pi:
         got = f"a step of {math.degrees(step):g} deg"
@@ -136,7 +135,7 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
         if low > high:
             got = f"limits of {joint.name} that leave -180 to 180 deg out"
             raise refusal(arm.name, got, "limits about zero", "shift the zero of the joint", "limits")
-    # what is at a limit keeps a margin: a quarter of the range at most
+    # margin at each limit: at most a quarter of the range
     margins = [(joint.limits, min(MARGIN, (joint.limits[1] - joint.limits[0]) / 4)) for joint in arm.driven]
     inner = [(low + margin, high - margin) for (low, high), margin in margins]
     listed, line = arm.workspace.postures, arm.workspace.line
@@ -148,7 +147,7 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
         axes = [_multiples(low, high, step) for low, high in spans]
         if math.prod(map(len, axes)) <= MOST:
             return np.clip(np.array(list(product(*axes))), *np.array(inner).T), False
-    from scipy.stats import qmc  # long to import, and seldom needed
+    from scipy.stats import qmc  # slow to import, and seldom needed
 
     low, high = np.array(spans).T
     u = qmc.Sobol(len(spans), rng=np.random.default_rng(seed)).random(MOST)
@@ -160,13 +159,13 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
 
 
 def _shares(spans: Sequence[tuple[float, float]], line: Sequence[float]) -> tuple[float, float]:
-    """Return the ends between which a factor of a line stays within the limits."""
+    """Return the range of a line's factor within the limits."""
     pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
     return max(low for low, _ in pairs), min(high for _, high in pairs)
 
 
 def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: float) -> list[float]:
-    """Return the multiples of a step by which a line's shares stay within the limits."""
+    """Return the multiples of a step within the range of a line's factor."""
     low, high = _shares(spans, line)
     if high - low > MOST * step:
         got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
@@ -175,7 +174,7 @@ def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: 
 
 
 def may_be_held(arm: Arm, postures: Float[np.ndarray, "G joints"]) -> Bool[np.ndarray, "G"]:
-    """Tell in which postures an arm is within its limits and keeps above its lowest height, were it rigid."""
+    """Return the postures in which the rigid arm is within its limits and above its lowest height."""
     low, high = np.array([joint.limits for joint in arm.driven]).T
     within = np.logical_and(low - SLACK <= postures, postures <= high + SLACK).all(1)
     if not math.isfinite(arm.workspace.lowest):

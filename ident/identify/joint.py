@@ -1,14 +1,14 @@
 """A joint from its own log: stiffness, damping, friction, backlash and delay from the twist between motor and link.
 
-The twist is linear in what is wanted, one equation a sample (all counted at the joint):
+The twist is linear in the unknowns, one equation per sample (all quantities at the joint):
 
     link - motor = zero - tau / k + (c / k^2) tau' - (b / 2) sign(tau) - d v + e_s sin q + e_c cos q
 
 with the torque tau that the spring carries, motor speed v, the delay d of the link's channel behind the motor's, the
-backlash b, and the eccentricity e of the link's encoder. A motor's torque T, less what its inertia J takes, still has
-friction in it: tau = T - J a - F_c sign(v) - F_v v. So F_v / k and d share a column: the twist alone can't tell them
-apart, and a link shifted by d - F_v / k, at its own speed v - tau' / k, seems to have the damping c + F_v. Where the
-torque in the joint was measured, or no other joint moved, the motor's torque tells friction by itself.
+backlash b, and the eccentricity e of the link's encoder. A motor's torque T, less that of its inertia J, still includes
+friction: tau = T - J a - F_c sign(v) - F_v v. So F_v / k and d share a column: the twist alone cannot separate them,
+and a link shifted by d - F_v / k, at its own speed v - tau' / k, seems to have the damping c + F_v. If the torque in
+the joint was measured, or no other joint moved, the motor's torque determines friction by itself.
 
 References:
     T. Söderström, P. Stoica, "Instrumental Variable Methods for System Identification", Springer 1983. H. R. Künsch,
@@ -31,39 +31,39 @@ from ident.errors import refusal
 from ident.measure.joint_log import JointLog
 
 BLOCKS = 12
-"""Parts of the logs, each of which is left out once: fewer widen intervals, more let one error span several parts."""
+"""Jackknife blocks of the logs: fewer widen the intervals, with more one error spans several blocks."""
 STILL = 0.05
 """Share of speed or torque below which a joint stands, with any friction up to Coulomb's, or is within its backlash."""
 PASSES = 4
-"""Passes in which the link's channel is shifted by the delay found so far; 3 ms settle within 1 us in two."""
+"""Passes with the link's channel shifted by the estimated delay; 3 ms converge to within 1 us in two."""
 REVERSED = 0.03
-"""Share of the time that the torque must have its rarer sign for a backlash to show."""
+"""Least share of the time with the rarer sign of the torque for a visible backlash."""
 APART = 6
-"""Widths of the filter between two samples whose noise has nothing in common."""
+"""Filter widths between two samples with independent noise."""
 PARALLEL = 1e9
-"""Condition number of the scaled normal equations from which on a log can't tell its columns apart."""
+"""Condition number of the scaled normal equations above which a log cannot separate its columns."""
 CONTRADICTS = 0.01
 """Probability of a difference between logs below which they contradict each other."""
 LEFT_OUT = {"delay": ("speed",), "friction": ("sign",), "encoder error": ("sine", "cosine")}
-"""Columns that make each effect."""
+"""Columns of each effect."""
 NOT_TOLD = 0.5
-"""Half width of a 95 % interval, as a share of the value, beyond which the value can't be told."""
+"""Half-width of a 95 % interval, as a share of the value, beyond which the value is not determined."""
 FEWEST = 100
-"""Samples in which a joint must move."""
+"""Least number of samples with a moving joint."""
 QUANTITIES = ("stiffness", "damping", "coulomb", "viscous", "backlash", "delay")
 Columns = Mapping[str, Float[np.ndarray, " T"]]
 
 
 @dataclass(frozen=True)
 class TwistSetting:
-    """How a joint was tested.
+    """Conditions of a joint test.
 
     Attributes:
-        inertia: [kg m^2] of the motor, counted at the joint (rotor times ratio squared); None for unknown.
+        inertia: [kg m^2] of the motor, referred to the joint (rotor times ratio squared); None for unknown.
         alone: whether no other joint moved.
         locked: whether the link was clamped.
         centred: whether the link's encoder is free of eccentricity.
-        upto: [Hz] up to where the log counts: both sides of the equation are low-pass filtered alike (-3 dB).
+        upto: [Hz] bandwidth of the analysis: both sides of the equation have the same low-pass filter (-3 dB).
     """
 
     inertia: float | None = None
@@ -78,7 +78,7 @@ class JointNumber:
     """A number of a joint with its 95 % interval.
 
     Attributes:
-        value: [SI] NaN where the log has nothing of it.
+        value: [SI] NaN if the log has no information on it.
         low: [SI] lower end.
         high: [SI] upper end.
     """
@@ -90,21 +90,21 @@ class JointNumber:
 
 @dataclass(frozen=True)
 class JointTwist:
-    """What the logs of a joint say.
+    """Numbers of a joint from its logs.
 
     Attributes:
         name: of the joint.
-        setting: how it was tested.
+        setting: conditions of the test.
         numbers: by quantity: `stiffness` [N m/rad], `damping` [N m s/rad], `coulomb` [N m], `viscous` [N m s/rad],
             `backlash` [rad], `delay` [s] of the link's channel.
         compliance: [rad/(N m)] one over the stiffness.
-        parted: whether viscous friction is told apart from the delay, which else is less by viscous / stiffness, and
-            from damping, which else is more by it.
-        alone: what each of several logs says by itself.
-        without: stiffness if the model had no delay, no friction or no error of the encoder, by that word.
-        loose: whether backlash, if there is any, counts as compliance: the torque reverses, and is not known so well
-            that the log tells backlash.
-        torque: (T,) [N m] that the spring carries, as far as friction is known, at each sample that counts.
+        parted: whether viscous friction is separated from delay and damping; otherwise the delay is too small by
+            viscous / stiffness, and the damping too large by viscous.
+        alone: result of each of several logs by itself.
+        without: stiffness by a model without delay, friction or encoder error, by that word.
+        loose: whether any backlash counts as compliance: the torque reverses, but is not known well enough to determine
+            backlash.
+        torque: (T,) [N m] of the spring, corrected for known friction, at each sample used.
         twist: (T,) [rad] of the spring: without zero, delay, friction and the encoder's error.
         residual: (T,) [rad] of the fit.
     """
@@ -123,7 +123,7 @@ class JointTwist:
 
     @property
     def disagree(self) -> bool:
-        """Whether the logs contradict each other: their compliances differ by chance in 1 of 100 cases only."""
+        """Whether the logs contradict each other: by chance their compliances differ so in 1 of 100 cases."""
         each = [twist.compliance for twist in self.alone]
         if not each or not all(isfinite(one.value) for one in each):
             return False
@@ -133,9 +133,9 @@ class JointTwist:
         return float(fisher.sf(spread / (len(each) - 1), len(each) - 1, BLOCKS - 1)) < CONTRADICTS
 
     def told(self, quantity: str) -> bool:
-        """Whether the logs tell a quantity: its interval is narrow enough, and they agree on the stiffness.
+        """Whether the logs determine a quantity: its interval is narrow enough, and they agree on the stiffness.
 
-        Where the stiffness is below 0, a sign or a column is wrong, and nothing is told.
+        If the stiffness is below 0, a sign or a column is wrong, and nothing is determined.
         """
         if self.compliance.high < 0:
             return False
@@ -146,7 +146,7 @@ class JointTwist:
 
 
 NOTHING = JointNumber(nan, nan, nan)
-"""What a log has nothing of."""
+"""A number without information in the log."""
 
 
 def joint_twist(name: str, logs: Sequence[JointLog], setting: TwistSetting) -> JointTwist:
@@ -154,8 +154,8 @@ def joint_twist(name: str, logs: Sequence[JointLog], setting: TwistSetting) -> J
 
     Args:
         name: of the joint, in all logs.
-        logs: taken with the same joint; each has a zero of its own.
-        setting: how it was tested.
+        logs: of the same joint; each has its own zero.
+        setting: conditions of the test.
 
     Raises:
         InputError: a log is sampled too slowly, or its joint moves in too few samples.
@@ -223,7 +223,7 @@ def _solved(name: str, logs: Sequence[JointLog], setting: TwistSetting, dropped:
 
 
 def _reverses(sign: Float[np.ndarray, " T"]) -> bool:
-    """Tell whether a torque has either sign for long enough, whichever block is left out."""
+    """Whether a torque has either sign for long enough, whichever block is left out."""
     parts = np.array_split(sign, BLOCKS)
     either = np.array([[(part > 0).sum(), (part < 0).sum()] for part in parts])
     return bool(((either.sum(axis=0) - either.max(axis=0)) > REVERSED * len(sign)).all())
@@ -275,7 +275,7 @@ def _rows(
     rows["gap"] = np.sign(inside)
 
     def exceeds(values: Float[np.ndarray, " T"], share: float) -> Bool[np.ndarray, " T"]:
-        """Tell where, within the filter's reach, a size is nowhere small; its largest may be one of a start."""
+        """Return where a size is nowhere small within the filter's reach; its maximum may be from a start."""
         size = minimum_filter1d(np.abs(values), 2 * ceil(2 * sigma) + 1)
         return np.asarray(size > share * np.quantile(np.abs(values), 0.95))
 
@@ -292,14 +292,14 @@ def _rows(
 
 
 def _solve(left: Float[np.ndarray, " T"], rows: Columns, terms: Sequence[str]) -> dict[str, Float[np.ndarray, " R"]]:
-    """Return what multiplies each column: by all rows, then with each block of neighbouring rows left out.
+    """Return the coefficient of each column: from all rows, then with each block of neighbouring rows left out.
 
-    Errors of neighbouring rows are alike, whatever their spectrum: leaving out blocks says how far they move a value.
-    Noise of the torque would make its own column look less important, so that least squares gives too stiff a joint:
-    the equations are multiplied by the torque a little earlier and later, whose noise is another (instruments).
+    Errors of neighbouring rows are correlated, whatever their spectrum: leaving out blocks shows how far they move a
+    value. Noise of the torque attenuates its column, so that least squares gives too stiff a joint: so the equations
+    are multiplied by the torque a little earlier and later, with independent noise (instrumental variables).
     """
     table, tools = (np.stack([rows.get(f"{with_}{term}", rows[term]) for term in terms], 1) for with_ in ("", "with "))
-    none = np.finfo(float).tiny  # a column of zeros stays one, and tells nothing
+    none = np.finfo(float).tiny  # a column of zeros stays zero, without information
     table_scale, tools_scale = (np.sqrt((each**2).mean(axis=0) + none) for each in (table, tools))
     blocks = np.array_split(np.arange(len(left)), BLOCKS)
     squares = np.stack([(tools[block] / tools_scale).T @ (table[block] / table_scale) for block in blocks])
@@ -313,7 +313,7 @@ def _solve(left: Float[np.ndarray, " T"], rows: Columns, terms: Sequence[str]) -
 
 
 def _number(values: Float[np.ndarray, " R"]) -> JointNumber:
-    """Return a value with the interval that leaving out blocks gives (jackknife)."""
+    """Return a value with its jackknife interval over blocks."""
     value, parts = float(values[0]), values[1:]
     spread = sqrt((BLOCKS - 1) / BLOCKS * float(((parts - parts.mean()) ** 2).sum()))
     half = float(student.ppf(0.975, BLOCKS - 1)) * spread

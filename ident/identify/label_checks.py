@@ -1,4 +1,4 @@
-"""Mode labels that a near arm, or another arm within the prior, would not have."""
+"""Mode labels that become ambiguous on a nearby arm, or on another arm within the prior."""
 
 import math
 from dataclasses import dataclass
@@ -34,22 +34,21 @@ from ident.programs import RUNS_ONCE, jit
 NEAR = 0.05
 """Relative distance of two frequencies below which their order may change in the fit; assumed."""
 NEAR_DRAW = -2 * math.log1p(-math.erfc(AMBIGUOUS / NAMING_SD / math.sqrt(2)) / 2)
-"""Label cost of a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
+"""Label cost of a mode whose naming share is `AMBIGUOUS` away from one half."""
 ALIKE = 3.0
-"""Standard deviations within which two values of different modes may be of one mode that was measured twice;
-assumed."""
+"""Standard deviations within which two values of different modes may be one mode measured twice; assumed."""
 
 
 @dataclass(frozen=True)
 class LabelDoubt:
-    """A measurement whose mode is not sure.
+    """A measurement with an uncertain mode.
 
     Attributes:
-        row: its place in the campaign.
-        mode: the mode that it is matched to at the starting values.
-        near_draw: whether that mode's name is a near draw, so that a small change may rename it.
-        crossing: for values without a label, the neighbouring modes that nearly have the same frequency.
-        alike: place of another value without a label that is nearly the same, but matched to another mode; or None.
+        row: its index in the campaign.
+        mode: its matched mode at the starting values.
+        near_draw: whether that mode's name is ambiguous, so that a small change may rename it.
+        crossing: for values without a label, the neighbouring modes with nearly the same frequency.
+        alike: index of another unlabelled value that is nearly equal, but matched to another mode; or None.
     """
 
     row: int
@@ -60,10 +59,10 @@ class LabelDoubt:
 
 
 def label_doubts(posed: Posed) -> tuple[LabelDoubt, ...]:
-    """Find measured modes that may be mistaken for others, with the arm as it is.
+    """Return measured modes that may be mistaken for others, on the arm as in its file.
 
-    A label whose mode is named by a near draw may pick another mode after a small step of the fit. Values without
-    label are matched by order, which changes where frequencies cross; and one mode measured twice is taken for two.
+    A label with an ambiguous mode name may match another mode after a small step of the fit. Values without label are
+    matched by order, which changes where frequencies cross; and one mode measured twice counts as two.
     """
     conditions, _, places = padded(posed.conditions)
     named, unnamed = conditions.named, conditions.unnamed
@@ -98,11 +97,11 @@ def label_doubts(posed: Posed) -> tuple[LabelDoubt, ...]:
 
 
 def changing_labels(problem: InverseProblem, *, points: int = POINTS, seed: int = 0) -> dict[int, float]:
-    """Return at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
+    """Return the share of points within the prior at which each row's label is ambiguous or has no mode; if any.
 
     Args:
         problem: of an arm and a campaign.
-        points: number of points that are tried.
+        points: number of points.
         seed: of the points.
     """
     costs, _ = labels_about(problem, points, FREE, seed)
@@ -111,7 +110,7 @@ def changing_labels(problem: InverseProblem, *, points: int = POINTS, seed: int 
 
 
 class _States(NamedTuple):
-    """Modes of all states, ascending; whether each is named by a near draw; the choice of each kind of value."""
+    """Modes of all states, ascending; whether each name is ambiguous; the choice of each kind of value."""
 
     frequency: Any
     torsion: Any

@@ -1,4 +1,4 @@
-"""What an arm does at one posture under one load: modes, damping and static deflection."""
+"""Modes, damping and static deflection of an arm at one posture under one load."""
 
 import math
 from collections.abc import Iterator
@@ -21,9 +21,9 @@ from ident.measure import DRIVE_STATES, OWN_WEIGHT, Load
 from ident.programs import jit
 
 MODES = 4
-"""Modes that are returned, unless another number is asked for."""
+"""Default number of modes."""
 SLACK = 1e-9
-"""Angle [rad] by which a posture may pass a joint limit before it is mentioned: rounding."""
+"""Rounding [rad] accepted beyond a joint limit."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class ModalAnalysis:
         load: the load case.
         modes: the lowest modes, ascending.
         labels: (m,) their names.
-        ambiguous: (m,) whether a mode is named by a near draw.
+        ambiguous: (m,) whether a mode's name is ambiguous.
         damping_ratio: (m,) [-]
         deflection: (3,) [m] in the base frame by point name, counted from the arm without elastic rotation.
         equilibrium: (3, N) [rad] the bushings' rotation vectors under the load.
@@ -58,14 +58,14 @@ class ModalAnalysis:
     def outline(self) -> tuple[Float[np.ndarray, "3 K"], Float[np.ndarray, "3 K m"]]:
         """The arm as a line [m] through its bushings to its end point, and that line's displacement by each mode.
 
-        A mode has no amplitude: only the ratios of its displacements mean something.
+        A mode has no amplitude: only the ratios of its displacements are meaningful.
         """
         posture, phi, shapes = map(jnp.asarray, (self.posture, self.equilibrium, self.modes.shape))
         line, displacement = _outline(self.arm, posture, phi, shapes, _servo(self.drives))
         return np.asarray(line), np.asarray(displacement)
 
     def beyond_limits(self) -> Iterator[tuple[str, float, tuple[float, float]]]:
-        """Yield name, angle and limits [rad] of the joints that are held outside their limits."""
+        """Yield name, angle and limits [rad] of the joints outside their limits."""
         for joint, angle in zip(self.arm.driven, self.posture, strict=True):
             low, high = joint.limits
             if not low - SLACK <= angle <= high + SLACK:
@@ -75,18 +75,18 @@ class ModalAnalysis:
 def modal_analysis(
     arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, modes: int = MODES, drives: str = DRIVE_STATES[0]
 ) -> ModalAnalysis:
-    """Return what an arm does, held at a posture under a load.
+    """Return modes, damping and deflection of an arm held at a posture under a load.
 
     Args:
         arm: the arm.
         posture: (driven,) [rad] joint angles.
         load: the load case.
-        modes: number of modes; all that the arm has if it has fewer.
+        modes: number of modes; all if the arm has fewer.
         drives: what holds the motors, `brake` or `servo`.
 
     Raises:
-        InputError: a posture of the wrong length, a payload or point that the arm has not, an arm without any point;
-            a servo on that the arm has not.
+        InputError: a posture of the wrong length, a payload or point that the arm does not have, an arm without any
+            point, or a servo on that it does not have.
         ModelError: the arm has no stable equilibrium there.
     """
     if len(posture) != len(arm.driven):
@@ -125,7 +125,7 @@ Servo = Float[Array | np.ndarray, ""] | None
 
 
 def _servo(drives: str) -> Servo:
-    """Return what `at_posture` takes for what holds the motors."""
+    """Return the servo argument of `at_posture` for the state of the drives."""
     return np.array(1.0) if drives == "servo" else None
 
 
@@ -148,7 +148,7 @@ class ModalSolution(eqx.Module):
     Attributes:
         phi: (3, N, B) [rad] the bushings' rotation vectors under the load.
         modes: all of them, ascending.
-        ambiguous: (m, B) whether a mode is named by a near draw.
+        ambiguous: (m, B) whether a mode's name is ambiguous.
         ratio: (m, B) [-] damping ratios.
         moved: (3, P, B) [m] static deflection of the named points in the base frame.
         M: (n, n, B) [kg m^2] mass matrix.

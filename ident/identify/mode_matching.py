@@ -1,6 +1,6 @@
-"""Which computed mode each labelled value belongs to: found again between the steps of a fit, kept within each.
+"""Matching of labelled values to computed modes: renewed between the searches of a fit, kept within each.
 
-Design. The label of a value is data: somebody saw how the arm moved and named it. So it has a likelihood.
+Design. The label of a value is data: a person saw how the arm moved and named it. So it has a likelihood.
 
 1. A computed mode is called `vertical` with probability Phi((v - 1/2) / sd), v its share of vertical motion at the end
    point, `torsion` likewise by its share of strain energy; never with probability zero, so that every label has a mode
@@ -40,28 +40,28 @@ from ident.inference.parameters import AnyArray
 from ident.inference.problem import Data
 
 NAMING_SD = AMBIGUOUS / 2
-"""Standard deviation with which a person sees a share: where a name is a near draw, two of them from one half."""
+"""Standard deviation of a share as seen by a person: a name is ambiguous within two of them from one half."""
 SHARES_MOVE = 3.0
-"""By how much a share is wrong where the frequencies are wrong by so many times less, as the stiffnesses then are."""
+"""Error of a share, as a multiple of the relative error of the frequencies, both due to wrong stiffnesses."""
 FAR = 9.0
-"""Most that one value may say for or against a mode, as a squared number of sigma; three sigma."""
+"""Largest evidence of one value for or against a mode, as a squared number of sigma; three sigma."""
 AT_FIRST = 0.3
-"""By how much the frequencies of a start may be off, as a fraction: a factor of e in stiffness makes 0.5 at most."""
+"""Relative error of the frequencies at a start: a factor of e in stiffness gives at most 0.5."""
 NEVER = 1e12
-"""Cost of what cannot be."""
+"""Cost of the impossible."""
 
 WORDS = (None, "vertical", "lateral"), (None, "torsion", "bending")
-"""What a label may say of direction and of kind."""
+"""Words of a label for direction and for kind."""
 NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kind in ("bending", "torsion"))
 
 
 class Named(eqx.Module):
-    """Values of modes with a label: frequencies, then shapes; what several rows measured is one of them.
+    """Modal values with a label: frequencies, then shapes; repeated rows count as one value.
 
     Attributes:
         states: (R,) state of each.
         ordinals: (R,) the number in its label.
-        words: (R, 2) what its label says of direction and kind, as places in `WORDS`.
+        words: (R, 2) direction and kind in its label, as indices in `WORDS`.
         places: (R,) place of its label in the table of labels, ordered by pattern and ordinal.
         largest: (patterns, S) largest ordinal of each pattern that was seen in each state.
         at: (labels, S) the frequency that has the label of each place in each state; -1 for none, as at the last.
@@ -82,7 +82,7 @@ class Named(eqx.Module):
 
     @property
     def frequencies(self) -> int:
-        """Number of those that are frequencies."""
+        """Number of frequencies among them."""
         return len(self.states) - self.shapes
 
 
@@ -110,7 +110,7 @@ def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, shapes: 
 
 
 def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
-    """Return -2 ln(probability) of each word for each mode, as far as the arm's numbers may be off."""
+    """Return -2 ln(probability) of each word for each mode, given the relative error of the frequencies."""
     sd = jnp.hypot(NAMING_SD, SHARES_MOVE * off)
     lean = {"vertical": (vertical_share(modes) - 0.5) / sd, "torsion": (torsion_share(modes) - 0.5) / sd}
     cost = {word: -2 * log_ndtr(x) for word, x in lean.items()}
@@ -119,7 +119,7 @@ def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> d
 
 
 def _fitting(values: Named, modes: Modes) -> Bool[Array, "m R *batch"]:
-    """Tell which modes have the direction and kind of each value's label."""
+    """Return which modes have the direction and kind of each value's label."""
     fits = []
     for axis, share in enumerate((vertical_share(modes), torsion_share(modes))):
         which = jnp.stack([jnp.ones_like(share, bool), share > 0.5, ~(share > 0.5)])
@@ -148,13 +148,13 @@ def most_probable(
     *,
     hertz: Float[Array, "m R *batch"] | None = None,
 ) -> Float[Array, "m R *batch"]:
-    """Return one for the mode that each labelled value belongs to by the most probable naming, zero for the others.
+    """Return 1 for the mode of each labelled value by the most probable naming, 0 for the others.
 
     Args:
         values: the labelled values.
         modes: all modes of all states.
-        data: what was measured, the labelled values first; None for the labels alone.
-        off: by how much the frequencies are off, as a fraction, see `rms_log_error`; zero where none is fitted.
+        data: measured values, the labelled ones first; None for the labels alone.
+        off: relative error of the frequencies, see `rms_log_error`; zero if none is fitted.
         hertz: frequency of each mode as each value is defined; None for undamped ones.
     """
     modes, data, off, hertz = jax.lax.stop_gradient((modes, data, off, hertz))

@@ -1,4 +1,4 @@
-"""Names of measured modes: draws of arms that come near all of them, and the probability of each name."""
+"""Names of measured modes: draws of arms that match all of them, and the probability of each name."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,18 +23,18 @@ from ident.modal.poles import mac
 from ident.text import one_line
 
 # -------- Mode draws
-# Arms that may be the one that was measured: draws of the prior that draw nearer to the modes of all postures.
+# Plausible arms: draws of the prior, concentrated round after round near the modes of all postures.
 
 FEWEST = 1 / 8
-"""Share of the draws that count at least: else likelihoods are flattened until so many do; assumed."""
+"""Least effective share of the draws: likelihoods are flattened until it is reached; assumed."""
 KERNEL = 0.5
-"""Standard deviation of a new draw about an old one, over that of all; assumed."""
+"""Standard deviation of a new draw about an old one, relative to that of all draws; assumed."""
 HALVINGS = 40
-"""Steps in which the power is found by which likelihoods are flattened."""
+"""Bisection steps for the flattening power of the likelihoods."""
 DEFENSIVE = 0.1
-"""Share of new draws that come from the prior again; assumed."""
+"""Share of new draws from the prior; assumed."""
 NARROW = 1e-3
-"""Least standard deviation of all draws along any direction, over the prior's."""
+"""Least standard deviation of all draws along any direction, relative to the prior's."""
 
 
 def prior_draws(parameters: Parameters, draws: int, rng: np.random.Generator) -> Float[np.ndarray, "P draws"]:
@@ -45,15 +45,15 @@ def prior_draws(parameters: Parameters, draws: int, rng: np.random.Generator) ->
 
 
 def enough(logs: Float[np.ndarray, "D"]) -> bool:
-    """Tell whether so many draws count by their likelihoods that these need not be flattened."""
+    """Whether the effective number of draws is large enough without flattening the likelihoods."""
     return _count(_flattened(logs, 1.0)) >= FEWEST * len(logs)
 
 
 def shares(logs: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
-    """Return by how much each draw counts: by its likelihood, flattened where too few would count.
+    """Return the weight of each draw: its likelihood, flattened if too few draws would count.
 
-    As many count as equal ones would that have the same sum of squares (Kish). Where likelihoods differ by more than a
-    few draws can resolve, one of them would decide alone, though by chance it is the nearest.
+    The effective number is Kish's: that of equal weights with the same sum of squares. With likelihoods too different
+    for the number of draws, one draw would decide alone, though it is the nearest only by chance.
     """
     low, high = 0.0, 1.0
     if enough(logs):
@@ -67,9 +67,10 @@ def shares(logs: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
 def nearer(
     parameters: Parameters, theta: Float[np.ndarray, "P D"], share: Float[np.ndarray, "D"], rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "P D"], Float[np.ndarray, "D"]]:
-    """Return as many new draws near those that count, and ln of the prior's density over that of drawing each so.
+    """Return as many new draws near those of large weight, and ln(prior density / proposal density) of each.
 
-    Kernels about the old draws, shrunk towards their mean so that the whole grows no wider, beside some of the prior.
+    The proposal is a kernel about each old draw, shrunk towards the mean so that the whole grows no wider, plus some
+    draws of the prior.
 
     References:
         Cappe, Guillin, Marin, Robert, "Population Monte Carlo", J. Comput. Graph. Stat. 13, 2004.
@@ -90,7 +91,7 @@ def nearer(
     near = rng.uniform(size=count) >= DEFENSIVE
     moved = centres[:, about] + factor @ rng.standard_normal(old.shape)
     new[np.ix_(np.flatnonzero(moving), np.flatnonzero(near))] = moved[:, near]
-    # ln of the density by which draws are made, over the prior's
+    # ln(proposal density / prior density)
     off = np.linalg.solve(factor, (new[moving][:, :, None] - centres[:, None]).reshape(len(factor), -1))
     squared = (off**2).sum(0).reshape(count, -1)
     constant = np.log(np.diag(factor)).sum() + len(factor) / 2 * np.log(2 * np.pi)
@@ -110,34 +111,34 @@ def _count(share: Float[np.ndarray, "D"]) -> float:
 
 
 # -------- Mode labels
-# Labels of measured modes: their shapes at the accelerometers against those of arms that may be the measured one.
+# Labels of measured modes: their shapes at the accelerometers against those of plausible arms.
 
 DRAWS = 128
-"""Draws of an arm."""
+"""Number of draws of an arm."""
 FREQUENCY_SD = (0.3, 0.3, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1)
-"""How far computed frequencies are off, in ln, from round to round of drawing: at first as draws are sparse, at last by
-what a model leaves out. There rounds end as soon as enough draws count."""
+"""Standard deviation of ln(computed frequency) by round: first for the sparseness of draws, finally for model errors.
+At the final value rounds end as soon as enough draws count."""
 MORE = 3
 """Computed modes beyond the number of measured ones."""
 MOST = 12
-"""Computed modes at most, of which all sets are tried."""
+"""Most computed modes; all their subsets are tried."""
 CERTAIN = 0.95
-"""Probability from which on a label is given."""
+"""Least probability of a reported label."""
 ALIKE = 0.9
-"""MAC from which on two modes move alike where it is measured; assumed."""
+"""MAC above which two modes look alike at the measured points; assumed."""
 
 
 @dataclass(frozen=True)
 class ModeLabels:
-    """What each measured mode is called, and how sure.
+    """Names of the measured modes, with their probability.
 
     Attributes:
-        labels: (L,) names that modes of the arm have.
-        probability: (R, L) of each name for each measured mode; what is missing to one is that it is none of these.
-        mac: (R, m) [-] modal assurance criterion of measured shapes with those of the arm as it is.
-        computed: (m,) names of the arm's modes as it is.
-        given: (R,) the name of each measured mode; None where none is certain.
-        why: (R,) what is in doubt; empty where a name is given.
+        labels: (L,) names of the arm's modes.
+        probability: (R, L) of each name for each measured mode; the rest to 1 is the probability of another mode.
+        mac: (R, m) [-] modal assurance criterion of measured shapes with those of the arm as in its file.
+        computed: (m,) names of that arm's modes.
+        given: (R,) the name of each measured mode; None if none is certain.
+        why: (R,) the reason for no name; empty if there is one.
     """
 
     labels: tuple[Label, ...]
@@ -153,7 +154,7 @@ class Measured(NamedTuple):
 
     Attributes:
         posture: (driven,) [rad] of the test.
-        modes: what was measured there.
+        modes: measured there.
         load: of the test.
     """
 
@@ -167,22 +168,22 @@ def label_modes(
 ) -> tuple[ModeLabels, ...]:
     """Name the measured modes of all postures by their shapes, with the probability of each name.
 
-    For each draw of an arm the shapes of the lowest modes are computed at the places of the responses, and the
-    measured ones compared with them (`ident.modal.assignment`): no computed mode is two measured ones, none is matched
-    by order. It is one arm in all postures: a draw counts by how probable it makes the modes of all of them. Draws of
-    the prior are few and far from it, so that further ones are made near those that count, round after round
-    (`ident.identify.mode_names`). What a mode of a draw is called counts for that draw alone, so that a mode named by a
-    near draw has two names with a probability each.
+    For each draw of an arm the shapes of the lowest modes are computed at the response points, and compared with the
+    measured ones (`ident.modal.assignment`): no computed mode matches two measured ones, and order does not matter. The
+    arm is the same in all postures: a draw's weight is the likelihood of the modes of all of them. Draws of the prior
+    are too sparse, so that further draws follow near those of large weight, round after round
+    (`ident.identify.mode_names`). Each draw has its own mode names; so a mode may get two names, each with a
+    probability, from neighbouring draws.
 
     Args:
-        arm: the arm, with the points at which was measured.
-        tests: what was measured in each posture.
+        arm: the arm, with the response points.
+        tests: measured modes of each posture.
         parameters: the unknowns with their priors.
         draws: of an arm in each round.
         seed: of the draws.
 
     Raises:
-        InputError: a response was measured at a point that the arm has not, or no draw stands in all postures.
+        InputError: a response at a point that the arm does not have, or no draw is stable in all postures.
     """
     rng = np.random.default_rng(seed)
     theta = np.concatenate([parameters.theta_start[:, None], prior_draws(parameters, draws, rng)], 1)
@@ -205,15 +206,15 @@ def label_modes(
 
 
 class _Compared(NamedTuple):
-    """Measured modes of a posture beside those of each draw.
+    """Measured modes of a posture compared with those of each draw.
 
     Attributes:
         names: of the modes of each draw.
         pairs: (D, R, m) probability of each pair.
-        log: (D,) ln(likelihood) of each draw; minus infinity where it has no stable equilibrium.
+        log: (D,) ln(likelihood) of each draw; minus infinity without a stable equilibrium.
         mac: (R, m) of measured shapes with those of the first draw that has one.
         shapes: (O, m) of that draw.
-        first: its place.
+        first: its index.
     """
 
     names: list[list[Label]]
@@ -273,7 +274,7 @@ def _verdict(last: _Compared, weight: Float[np.ndarray, "D"], start: _Compared) 
 
 
 def _doubt(labels: Sequence[Label], row: np.ndarray, best: tuple[int, int], start: _Compared) -> str:
-    """Return in words why a mode has no name, by the probability of each label."""
+    """Write why a mode has no name, with the probability of each label."""
     none = 1 - row.sum()
     if none > row[best[0]]:
         return f"it moves like none of the arm's modes (probability {100 * none:.0f} %)"

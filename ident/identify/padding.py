@@ -13,9 +13,9 @@ from ident.identify.conditions import Conditions, Unnamed, repeats
 
 
 def bucket(count: int) -> int:
-    """Return the next of 0, 4, 8, 16, 24, 32, 48, 64, 96, ...: few sizes, and not much padding.
+    """Return the next of 0, 4, 8, 16, 24, 32, 48, 64, 96, ...: few sizes, and little padding.
 
-    At most half as many again, where there are many; above 2048 a quarter.
+    For large counts padding adds at most a half, above 2048 a quarter.
     """
     if not count:
         return 0
@@ -26,18 +26,18 @@ def bucket(count: int) -> int:
 
 
 def _filled(size: int, group: np.ndarray, others: np.ndarray | None = None) -> Int[np.ndarray, "size"]:
-    """Return the entries of a group, and at its end its first one, or that of others, as often as there are fewer."""
+    """Return the entries of a group, padded at the end with its first entry, or with that of others."""
     spare = group if others is None else np.concatenate([group, others])
     return np.concatenate([group, np.repeat(spare[:1], size - len(group))]).astype(int)
 
 
 def padded(conditions: Conditions) -> tuple[Conditions, Int[np.ndarray, "n"], Int[np.ndarray, "D"]]:
-    """Return the conditions of a campaign of one of few sizes, in which a row stands for each value of this one.
+    """Return the conditions of a padded campaign of a standard size, with one row for each value of this one.
 
     Its rows come by kind, so that their order is the same for all campaigns of a size.
 
     Returns:
-        Also a row of this campaign that each of its rows is like, and which of its rows each of this campaign is.
+        Also, for each padded row, an equal row of this campaign, and for each row of this campaign, its padded row.
     """
     conditions = jax.device_get(conditions)
     first, order = np.asarray(conditions.repeats.first), np.asarray(conditions.order)
@@ -54,11 +54,11 @@ def padded(conditions: Conditions) -> tuple[Conditions, Int[np.ndarray, "n"], In
 # -------- Parts
 
 LARGE = 512
-"""States up to which a campaign stays whole."""
+"""Largest number of states of an undivided campaign."""
 PART = 128
-"""States of a part, about."""
+"""Approximate number of states of a part."""
 SEVERAL = 8
-"""States of the first part, at least, in which each thing was measured that was measured as often."""
+"""Least number of states of the first part with each kind of reading, if there are as many."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,11 @@ class Parts:
     """The conditions of a campaign in parts of one size.
 
     Attributes:
-        conditions: those of each part, in which a row stands for each value; a kind that none of its states has is
-            borrowed from another one, and what there are fewer of is repeated.
-        values: (K, n) the campaign's value that each value of each part is.
-        places: (V,) where each value of the campaign is among all those of the parts, one part after the other.
-        labelled: number of the campaign's values that have a label; they come first.
+        conditions: of each part, with one row for each value; a kind missing in its states is borrowed from another
+            part, and missing entries are repeats.
+        values: (K, n) for each value of each part, the index of the campaign's value.
+        places: (V,) for each value of the campaign, its index among the parts' values, one part after the other.
+        labelled: number of the campaign's labelled values; they come first.
     """
 
     conditions: tuple[Conditions, ...]
@@ -80,14 +80,14 @@ class Parts:
 
     @property
     def labels(self) -> int:
-        """Number of values of each part that have a label; they come first."""
+        """Number of labelled values of each part; they come first."""
         return len(self.conditions[0].named.states)
 
 
 def in_parts(conditions: Conditions) -> Parts | None:
     """Return a large campaign in parts, None for one that stays whole.
 
-    The first part is like the whole: its states are drawn at random, but that it has `SEVERAL` of all that was read.
+    The first part is representative: its states are drawn at random, with at least `SEVERAL` of each kind of reading.
     """
     if conditions.posture.shape[1] <= LARGE:
         return None
@@ -98,7 +98,7 @@ def in_parts(conditions: Conditions) -> Parts | None:
     own = [[kind[part[states[kind]] == k] for kind in kinds] for k in range(part.max() + 1)]
     sizes = [max(len(groups[i]) for groups in own) for i in range(len(kinds))]
     values = [[_filled(n, group, kind) for group, kind, n in zip(groups, kinds, sizes, strict=True)] for groups in own]
-    used = []  # the states that values belong to, and those that differences are counted from
+    used = []  # the states of values, and the reference states of differences
     for groups in values:
         references = conditions.readings.references[np.concatenate(groups[3:]) - _modal(conditions)]
         used.append(np.unique(np.concatenate([states[np.concatenate(groups)], references[references >= 0]])))
@@ -143,7 +143,7 @@ def _dealt(conditions: Conditions, states: Int[np.ndarray, "V"]) -> Int[np.ndarr
 
 
 def _modal(conditions: Conditions) -> int:
-    """Return the number of values of modes, which come before the readings."""
+    """Return the number of modal values, which come before the readings."""
     return len(conditions.named.states) + len(conditions.unnamed.states)
 
 

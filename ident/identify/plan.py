@@ -1,4 +1,4 @@
-"""Planning in one call: an arm, and what is measured already, in; the experiments that tell most for their cost out."""
+"""Planning in one call: from an arm and existing measurements to the experiments with the most gain for their cost."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -44,19 +44,19 @@ from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What to choose, from what.
+    """Settings of a plan.
 
     Attributes:
-        count: experiments in the batch, at most.
+        count: most experiments in the batch.
         criterion: `d` (information), `a` (mean variance) or the name of one parameter.
-        target: standard deviation of theta below which all are to be brought; the batch ends there. 0 for none.
+        target: standard deviation of theta that all sought parameters should reach; the batch ends there. 0 for none.
         step: [rad] of the grid over each driven joint.
-        modes: frequencies that a hammer test gives.
-        loads: load cases that can be had.
-        sigma: by kind, the standard deviation of a value as a share of it; as in the campaign where not given.
+        modes: number of frequencies from a hammer test.
+        loads: available load cases.
+        sigma: by kind, the standard deviation of a value as a share of it; by default as in the campaign.
         costs: of the parts of an experiment, in place of `COSTS`.
         common: share of a value's variance that is common to its posture; None for that of the campaign, or assumed.
-        draws: points of the parameters, beside the best estimate, over which gains are averaged.
+        draws: points of the parameters, in addition to the best estimate, over which gains are averaged.
         seed: of draws and sampled postures.
     """
 
@@ -78,10 +78,10 @@ class PlanSettings:
         self.instruments(Campaign())
 
     def instruments(self, campaign: Campaign) -> Instruments:
-        """Return what there is to measure with, as exact as in a campaign where nothing else is said.
+        """Return the available instruments, by default with the sigmas of the campaign.
 
         Raises:
-            InputError: unknown kinds or parts, or numbers that can't be.
+            InputError: unknown kinds or parts, or impossible numbers.
         """
         common = common_share(campaign, self.common)
         return Instruments(self.modes, self.loads, relative_sigma(campaign, self.sigma), self.costs, common)
@@ -89,17 +89,17 @@ class PlanSettings:
 
 DEFAULT = PlanSettings()
 ALIKE = 1e-3
-"""Share of a value within which two predictions are of one thing: damped and undamped frequencies differ by less."""
+"""Relative difference below which two predictions are of one quantity: damped and undamped frequencies differ less."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """The postures that were compared.
+    """The compared postures.
 
     Attributes:
         postures: (G, joints) [rad] within the limits.
-        seen: (G,) place in `CandidatePredictions` of the posture that shows the same; -1 where none.
-        sampled: whether they are a sample of a grid that would be too large.
+        seen: (G,) index in `CandidatePredictions` of the posture with the same predictions; -1 for none.
+        sampled: whether they are a sample, as the full grid would be too large.
     """
 
     postures: Float[np.ndarray, "G joints"]
@@ -109,25 +109,25 @@ class Grid:
 
 @dataclass(frozen=True)
 class CampaignPlan:
-    """What to measure next, and what it will give.
+    """The next experiments, and their expected gain.
 
     Attributes:
         arm: with the numbers of its file.
-        fit: of what is measured already; None for an empty campaign.
-        parameters: the unknowns, of which the nuisances are not sought.
-        known: what is known of them now.
-        left_out: draws of the parameters with which the arm would not stand in every posture.
-        instruments: what there is to measure with.
+        fit: of the existing measurements; None for an empty campaign.
+        parameters: the unknowns; nuisances are not sought.
+        known: present information on them.
+        left_out: draws of the parameters for which the arm has no stable equilibrium in some posture.
+        instruments: the available ones.
         grid: the postures.
-        predictions: what they would show, those that show the same once.
-        measured: (V,) which of the predictions' postures the campaign has been in.
-        before: by value (its place among those of a state), posture and load case, the rows that have measured it.
-        experiments: (C,) all that could be done.
-        candidates: (C,) what each would tell, and its cost.
+        predictions: at the postures, each distinct one once.
+        measured: (V,) whether the campaign has measured in each posture of the predictions.
+        before: rows that have measured a value already, by value (its index within the state), posture and load case.
+        experiments: (C,) all possible ones.
+        candidates: (C,) information and cost of each.
         gain: (C,) gain of each as the next experiment, by the criterion.
         nats: (C,) its information gain.
         steps: the batch, in the order of choice.
-        settings: what was asked for.
+        settings: of the plan.
     """
 
     arm: Arm
@@ -154,12 +154,12 @@ class CampaignPlan:
 
     @property
     def criterion(self) -> str:
-        """`d`, `a` or the parameter that experiments are chosen for."""
+        """Criterion of the choice: `d`, `a` or a parameter's name."""
         return self.settings.criterion
 
     @property
     def sought(self) -> tuple[Parameter, ...]:
-        """The unknowns that the plan is for."""
+        """The sought unknowns."""
         return tuple(item for item in self.parameters.items if not item.nuisance)
 
     @property
@@ -170,16 +170,16 @@ class CampaignPlan:
 
     @property
     def at_draws(self) -> Float[np.ndarray, "draws sought"]:
-        """Standard deviations of each sought theta at the end of the batch, at the other draws."""
+        """Standard deviations of each sought theta after the batch, at the other draws."""
         return (self.steps[-1].sd if self.steps else self.known.sd)[1:]
 
     @property
     def missed_at_draws(self) -> Int[np.ndarray, "sought"]:
-        """At how many of the other draws each standard deviation is above the target at the end of the batch."""
+        """Number of the other draws at which each standard deviation is above the target after the batch."""
         return ((self.at_draws > self.settings.target) & (self.settings.target > 0)).sum(0)
 
     def best_for(self, place: int) -> tuple[int, float]:
-        """Return the experiment after the batch that tells most of one sought parameter, and its sd then."""
+        """Return the best experiment after the batch for one sought parameter, and the parameter's sd then."""
         chosen = [step.experiment for step in self.steps]
         information = self.known.information[0] + self.candidates.together(chosen)[0]
         after = sds(self.known.of_sought(information + self.candidates.after(chosen)[:, 0]))[:, place]
@@ -188,19 +188,19 @@ class CampaignPlan:
 
     @property
     def per_cost(self) -> Float[np.ndarray, "C"]:
-        """Gain of each experiment per unit cost, by which they are ranked."""
+        """Gain of each experiment per unit cost, the ranking criterion."""
         return self.gain / self.candidates.cost
 
     @property
     def best_gain(self) -> Float[np.ndarray, "V"]:
-        """Gain per unit cost of the best experiment to each posture of the predictions."""
+        """Gain per unit cost of the best experiment in each posture of the predictions."""
         best = np.full(len(self.predictions.postures), -np.inf)
         np.maximum.at(best, [experiment.place for experiment in self.experiments], self.per_cost)
         return best
 
     @property
     def gain_over_grid(self) -> Float[np.ndarray, "G"]:
-        """The same for each posture of the grid; NaN where the arm does not stand."""
+        """The same for each posture of the grid; NaN where the arm has no stable equilibrium."""
         return np.append(self.best_gain, np.nan)[self.grid.seen]
 
     @property
@@ -225,12 +225,11 @@ class CampaignPlan:
         return sds(self.known.of_sought(self.known.information[0] + self.candidates.information[experiment, 0]))
 
     def campaign(self) -> Campaign:
-        """Return the batch as a campaign of the values that are expected.
+        """Return the batch as a campaign of the expected values.
 
-        A value that is taken several times, earlier rows of the campaign among them, is to be entered once, as their
-        mean: rows without label in one state are different modes. The standard deviation of a mean is such that the fit
-        of all has the standard deviations of the plan: of n readings of one standard deviation s and the common share
-        c, s sqrt(c + (1 - c) / n).
+        A value measured several times, also in earlier rows of the campaign, must be entered once, as the mean: rows
+        without label in one state are different modes. The sigma of a mean reproduces the standard deviations of the
+        plan: s sqrt(c + (1 - c) / n) for n readings of standard deviation s with the common share c.
         """
         point, common = self.arm.points[-1].name, self.instruments.common
         old = self.fit.campaign.measurements if self.fit else ()
@@ -244,7 +243,7 @@ class CampaignPlan:
             whole = replace(experiments[0], hammer=hammer > 0, labelled=labelled > 0, dial=dial > 0)
             frequencies = len(self.predictions.frequency)
             expected = expected_rows(self.predictions, self.instruments, whole, point)
-            # all rows of a state have the labels of before, or none: measured frequencies are entered as they rise
+            # all rows of a state keep their earlier labels, or have none: frequencies are entered in ascending order
             read = [self.before.get((i, place, case), ()) for i in range(frequencies)]
             keep_labels = all(any(old[k].mode for k in rows_of_mode) for rows_of_mode in read)
             for i, row in enumerate(expected):
@@ -262,7 +261,7 @@ class CampaignPlan:
         return Campaign(f"{self.name}.plan", measurements=tuple(rows))
 
     def value_gains(self, step: int) -> list[tuple[str, float]]:
-        """Return each value of a step's experiment that counts, with the nats it would give as the only one."""
+        """Return each relevant value of a step's experiment, with its information gain [nat] as the only one."""
         experiment = self.batch[step]
         chosen = [each.experiment for each in self.steps[:step]]
         before = self.known.information + self.candidates.together(chosen)
@@ -282,7 +281,7 @@ class CampaignPlan:
 def _read_before(
     fit: CampaignFit, predictions: CandidatePredictions, loads: tuple[Load, ...], point: str
 ) -> dict[tuple[int, int, int], tuple[int, ...]]:
-    """Return the rows of a campaign that measured a value of the predictions: those that the fit predicts alike."""
+    """Return the rows of a campaign that measured a value of the predictions: those with the same prediction."""
     found: dict[tuple[int, int, int], tuple[int, ...]] = {}
     places = {tuple(posture): place for place, posture in enumerate(predictions.postures.tolist())}
     for row, (m, value) in enumerate(zip(fit.campaign, fit.predicted.tolist(), strict=True)):
@@ -305,14 +304,14 @@ def plan_campaign(
     """Choose what to measure next on an arm.
 
     Args:
-        arm: the arm; its limits say which postures can be held.
-        fit: of what is measured already; None for nothing, so that the priors alone are known.
-        unknowns: what is unknown, and its priors, where there is no fit.
-        settings: what is chosen, from what.
+        arm: the arm; its limits define the holdable postures.
+        fit: of the existing measurements; None for none, so that only the priors count.
+        unknowns: with priors, if there is no fit.
+        settings: of the plan.
 
     Raises:
-        InputError: arm and settings do not fit together.
-        ModelError: the arm stands in no posture.
+        InputError: arm and settings do not match.
+        ModelError: the arm has no stable equilibrium in any posture.
     """
     if not arm.points:
         remedy = "add a [[point]] at the arm's end: there deflection is read, and modes are named by how it moves"

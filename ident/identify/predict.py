@@ -38,18 +38,18 @@ from ident.measure.kinds import POSITIONS
 from ident.programs import jit
 
 # -------- Mode choice
-# Which mode each measured value belongs to, as ones among zeros, and what is picked by it.
+# Mode of each measured value, as a one-hot matrix, and selection by it.
 
 
 def mode_choice(
     conditions: Conditions, modes: Modes, chosen: Float[AnyArray, "m R *batch"] | None = None
 ) -> tuple[Float[Array, "m R *batch"], Float[Array, "m n *batch"]]:
-    """Return one for the mode that each named value, and each unnamed one, belongs to.
+    """Return 1 for the mode of each named value, and for the mode of each unnamed one.
 
     Args:
         conditions: from `bind`.
         modes: all modes of all states.
-        chosen: one for the mode of each named value; by default as the labels alone have it.
+        chosen: 1 for the mode of each named value; by default from the labels alone.
     """
     if chosen is None:
         values = conditions.named
@@ -60,9 +60,9 @@ def mode_choice(
 def lowest_left(
     conditions: Conditions, chosen: Float[Array, "m R *batch"], beyond: int = 0
 ) -> Float[Array, "m n *batch"]:
-    """Return one for the mode of each unnamed value: the lowest ones that no label of the same state has taken.
+    """Return 1 for the mode of each unnamed value: the lowest modes without a label in the same state.
 
-    Or for the mode so many places beyond it among these.
+    With `beyond`, for the mode that many places higher among these.
     """
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     none = jnp.zeros((len(chosen), 1, *chosen.shape[2:]))
@@ -73,25 +73,25 @@ def lowest_left(
 
 
 def picked(values: Float[Array, "m D *batch"], choice: Float[Array, "m D *batch"]) -> Float[Array, "D *batch"]:
-    """Return of each value's modes the one that is chosen; NaN where there is none."""
+    """Return the chosen one of each value's modes; NaN if there is none."""
     return jnp.where(choice.sum(0) > 0, (values * choice).sum(0), jnp.nan)
 
 
 # -------- Readings
-# What instruments read of an arm at rest: deflections, positions, rotations, twists, alone or against another load.
+# Readings of an arm at rest: deflections, positions, rotations, twists, alone or relative to another load.
 
 
 def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -> Float[Array, "n *batch"]:
-    """Return what is read of a chain whose bushings are turned by phi: deflections and positions [m], angles [rad].
+    """Return the readings of a chain with bushing rotations phi: deflections and positions [m], angles [rad].
 
-    A rotation is the component d'log(R R0') of the rotation vector by which the point's body turns, R0 being its axes
-    under the reference load, or at phi = 0 where there is none. So a difference is the turn that leads from one
-    load case to the other; both are counted in the base frame, right-handed.
+    A rotation is the component d'log(R R0') of the rotation vector of the point's body, with R0 its axes under the
+    reference load, or at phi = 0 without one. So a difference is the rotation from one load case to the other; both are
+    in the base frame, right-handed.
 
-    A twist is the component of a bushing's rotation vector along its pin's axis, which is what the torsional stiffness
-    acts on: by how much the link's angle exceeds the motor's over the ratio.
+    A twist is the component of a bushing's rotation vector along its pin's axis, on which the torsional stiffness acts:
+    the link's angle less the motor's angle over the ratio.
 
-    What was read on a ramp of loads lags behind by half the width of its loop.
+    A reading on a ramp of loads lags by half the width of its loop.
     """
     none = jnp.zeros((len(readings.states), *phi.shape[3:]))
     moved = _deflections(deflection(chain, phi), readings) if chain.carrier else none
@@ -111,7 +111,7 @@ def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -
 
 
 def _deflections(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
-    """Return how far the points move along the directions, or how far bushings turn about theirs."""
+    """Return the displacement of points along their directions, or the rotation of bushings about theirs."""
     rank = moved.ndim - 3
     start = moved[:, readings.points, jnp.maximum(readings.references, 0)]
     start = jnp.where(lifted(readings.references >= 0, rank), start, 0.0)
@@ -119,7 +119,7 @@ def _deflections(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Flo
 
 
 def _rotations(axes: Float[Array, "3 3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
-    """Return how far the points' bodies turn about the directions."""
+    """Return the rotation of the points' bodies about the directions."""
     rank = axes.ndim - 4
     start = axes[:, :, readings.points, jnp.maximum(readings.references, 0)]
     start = jnp.where(lifted(readings.references >= 0, rank), start, identity(3, rank + 1))
@@ -146,20 +146,20 @@ def bushing_moments(arm: Arm, conditions: Conditions) -> Float[Array, "2 N S"]:
 
 
 # -------- Measurement frames
-# Frames of setups, such as a laser tracker's: where the search begins, and what of them is unknown.
+# Measurement frames, such as a laser tracker's: start of the search, and unknowns.
 
 STEP = 1e-3
-"""Size of theta: 1 mm of a frame's place, 1 mrad of its orientation."""
+"""Unit of theta: 1 mm of a frame's origin, 1 mrad of its orientation."""
 FREE_RANK = 1e-6
-"""Share of the largest singular value below which readings do not tell how a frame is turned or placed."""
+"""Share of the largest singular value below which readings do not determine a frame's orientation or origin."""
 AXES = "xyz"
 
 
 class Frames(eqx.Module):
-    """Where the frames of setups are, in the base frame.
+    """Measurement frames in the base frame.
 
     Attributes:
-        names: of the setups.
+        names: of the frames.
         origin: (3, K) [m]
         axes: (3, 3, K) their axes, columns.
     """
@@ -169,7 +169,7 @@ class Frames(eqx.Module):
     axes: Float[AnyArray, "3 3 K"]
 
     def at(self, parameters: Mapping[str, Any]) -> tuple[Float[Array, "3 K *batch"], Float[Array, "3 3 K *batch"]]:
-        """Return origins and axes with these parameters: places as they are, orientations by a further small turn."""
+        """Return origins and axes with these parameters: origins as given, orientations by a further small rotation."""
         rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
         origin, axes = (jnp.asarray(x).reshape(x.shape + (1,) * rank) for x in (self.origin, self.axes))
         zero = jnp.zeros_like(origin)
@@ -178,14 +178,14 @@ class Frames(eqx.Module):
 
 
 def vector_of(m: Measurement) -> Hashable | None:
-    """Return what all rows share that are components of one reading with a setup; None for any other row."""
+    """Return the key shared by all rows that are components of one reading in a frame; None for any other row."""
     if m.direction is None or not m.setup:
         return None
     return m.kind, m.posture, m.point, m.setup, m.load, m.reference_load, m.ramp, m.drives, m.repeat
 
 
 def vectors_of(campaign: Campaign) -> Int[np.ndarray, "D"] | None:
-    """Return the number of each row's vector, see `InverseProblem`; None where no vector has several rows."""
+    """Return the number of each row's vector, see `InverseProblem`; None if no vector has several rows."""
     numbers: dict[Hashable, int] = {}
     shared = [vector_of(m) for m in campaign]
     found = [numbers.setdefault(row if each is None else each, len(numbers)) for row, each in enumerate(shared)]
@@ -193,7 +193,7 @@ def vectors_of(campaign: Campaign) -> Int[np.ndarray, "D"] | None:
 
 
 def _stacked(parameters: Mapping[str, Any], names: Sequence[str], part: str, known: Array) -> Array:
-    """Return each setup's three numbers, those that are no parameters as they are known."""
+    """Return each frame's three numbers; those that are not parameters keep their known values."""
 
     def row(i: int, axis: str) -> Array:
         each = (parameters.get(f"{SETUP}{name}.{part}{axis}", known[i, k]) for k, name in enumerate(names))
@@ -203,7 +203,7 @@ def _stacked(parameters: Mapping[str, Any], names: Sequence[str], part: str, kno
 
 
 def in_base_frame(conditions: Conditions, frames: Frames | None, parameters: Mapping[str, Any]) -> Conditions:
-    """Return the conditions with all readings in the base frame, that of each setup being where these numbers say."""
+    """Return the conditions with all readings in the base frame, with these numbers for the measurement frames."""
     readings = conditions.readings
     if frames is None or readings.setup is None:
         return conditions
@@ -217,9 +217,9 @@ def in_base_frame(conditions: Conditions, frames: Frames | None, parameters: Map
 
 
 def setup_parameters(campaign: Campaign, frames: Frames | None) -> tuple[Parameter, ...]:
-    """Return what is not known of the frames: nuisances, flat where a frame is free.
+    """Return the unknowns of the frames: nuisances, with a flat prior if a frame is free.
 
-    Differences and rotations tell nothing of where a frame is, only of how it is turned; so that is no unknown then.
+    Differences and rotations depend on a frame's orientation only; the origin is then no unknown.
     """
     if frames is None:
         return ()
@@ -237,19 +237,19 @@ def setup_parameters(campaign: Campaign, frames: Frames | None) -> tuple[Paramet
 
 
 def frames_of(arm: Arm, campaign: Campaign, conditions: Conditions) -> Frames | None:
-    """Return where the campaign's frames are, or else seem to be first; None without setups.
+    """Return the campaign's measurement frames, known or estimated; None without frames.
 
-    What is not said of a frame is found from triads, what was read of one thing along three directions: the rotation
-    that turns them best into what the arm file expects of them (Kabsch, "A solution for the best rotation to relate
-    two sets of vectors", Acta Cryst. A32, 1976), and then the place. The fit goes on from there.
+    Unknown parts of a frame are estimated from triads, readings of one quantity along three directions: first the
+    rotation from the triads to the arm file's predictions (Kabsch, "A solution for the best rotation to relate two sets
+    of vectors", Acta Cryst. A32, 1976), then the origin. The fit starts from there.
 
     Args:
-        arm: as its file has it.
+        arm: as in its file.
         campaign: the measurements.
-        conditions: those of the campaign.
+        conditions: of the campaign.
 
     Raises:
-        InputError: triads that do not tell how a frame is turned, nor anything else.
+        InputError: neither triads nor other data determine a frame's orientation.
     """
     names = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
     if not names:
@@ -278,7 +278,7 @@ def _frame(
     campaign: Campaign, name: str, rows: Sequence[tuple[Measurement, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return origin and axes of one frame."""
-    from scipy.spatial.transform import Rotation  # takes a tenth of a second, which campaigns without setups can spare
+    from scipy.spatial.transform import Rotation  # takes 0.1 s to import, and campaigns without frames do not need it
 
     setup = campaign.setups[name]
     triads = list(_triads(rows))
@@ -294,7 +294,7 @@ def _frame(
 def _aligned(
     campaign: Campaign, name: str, triads: Sequence[tuple[Measurement, np.ndarray, np.ndarray]], placed: np.ndarray
 ) -> np.ndarray:
-    """Return the axes by which what was read agrees best with what is expected."""
+    """Return the axes with the best agreement of readings and predictions."""
     from scipy.spatial.transform import Rotation
 
     own, base = (np.array([each[i] for each in triads]).reshape(-1, 3) for i in (1, 2))
@@ -314,7 +314,7 @@ def _aligned(
 
 
 def _triads(rows: Sequence[tuple[Measurement, np.ndarray]]) -> Iterator[tuple[Measurement, np.ndarray, np.ndarray]]:
-    """Yield what was read along three directions, as a vector in the setup's frame, with the one that is expected."""
+    """Yield readings along three directions as a vector in the frame, with the predicted vector."""
     same: dict[Measurement, list[tuple[Measurement, np.ndarray]]] = {}
     for m, vector in rows:
         blank = replace(m, value=0.0, sigma=1.0, direction=(1.0, 0.0, 0.0), resolution=0.0, group="", member=0, note="")
@@ -330,14 +330,14 @@ def _triads(rows: Sequence[tuple[Measurement, np.ndarray]]) -> Iterator[tuple[Me
 
 
 class Matching(eqx.Module):
-    """How labelled values are matched to modes from one step of a fit to the next.
+    """Matching of labelled values to modes, carried from one step of a fit to the next.
 
     Attributes:
         shape: (n, R) mass-normalised shape of each labelled value.
-        place: (m, R) one for its place among the modes in ascending order, zero for the others.
+        place: (m, R) 1 for its order number among the ascending modes, 0 for the others.
         log_error: rms of ln(computed / measured) over the labelled frequencies.
-        fresh: whether the most probable modes are taken instead.
-        in_order: whether the place counts, not the shape.
+        fresh: whether to take the most probable modes instead.
+        in_order: whether to match by order, not by shape.
     """
 
     shape: Float[AnyArray, "n R"]
@@ -347,15 +347,15 @@ class Matching(eqx.Module):
     in_order: Bool[AnyArray, ""]
 
     def rematched(self) -> "Matching":
-        """Return what lets the most probable modes be taken at the next point."""
+        """Return the state that takes the most probable modes at the next point."""
         return replace(self, fresh=np.array(True), in_order=np.array(False))
 
     def by_place(self) -> "Matching":
-        """Return what matches by places, not by shapes."""
+        """Return the state that matches by order, not by shape."""
         return replace(self, in_order=np.array(True))
 
     def by_shape(self) -> "Matching":
-        """Return what matches by shapes, not by places."""
+        """Return the state that matches by shape, not by order."""
         return replace(self, in_order=np.array(False))
 
 
@@ -365,7 +365,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
     arm: Arm
     conditions: Conditions
     scaled: tuple[str, ...] = eqx.field(static=True, default=())
-    """Bodies whose inertia goes with their mass."""
+    """Bodies whose inertia scales with their mass."""
     frames: Frames | None = None
     """Where the frames of setups are at the start; None without."""
 
@@ -413,7 +413,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         return Parts(models, source, places, partial(_split, parts), partial(_joined, parts))
 
     def first_matching(self) -> Matching | None:
-        """Return the matching before the first step; None where nothing is labelled."""
+        """Return the matching before the first step; None without labels."""
         count = len(self.conditions.named.states)
         motors = 0 if self.conditions.servo is None else len(self.arm.servos)
         shape, place = (np.zeros((n + motors, count)) for n in (3 * len(self.arm.joints), self.arm.degrees_of_freedom))
@@ -422,7 +422,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
     def predict_matched(
         self, parameters: Mapping[str, Any], data: Data, held: Matching
     ) -> tuple[Float[Array, "D"], Choice]:
-        """Predict the campaign's values, each label at the mode that it is matched to."""
+        """Predict the campaign's values, each label at its matched mode."""
         arm, conditions = self.applied(parameters)
         values, chain = conditions.named, chains(arm, conditions)
         data = self.conditions.repeats.pooled(data)
@@ -444,7 +444,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
 
 
 def _split(parts: ConditionsInParts, held: Matching | None) -> list[Matching | None]:
-    """Give each part its own of what the whole holds."""
+    """Split the whole's matching into those of the parts."""
     if held is None:
         return [None for _ in parts.conditions]
     own = parts.values[:, : parts.labels]
@@ -452,7 +452,7 @@ def _split(parts: ConditionsInParts, held: Matching | None) -> list[Matching | N
 
 
 def _joined(parts: ConditionsInParts, each: list[Matching | None]) -> Matching | None:
-    """Put together what the parts hold; their rms log error is that of all parts."""
+    """Join the matchings of the parts; the rms log error is that of all parts."""
     helds = [held for held in each if held is not None]
     if not helds:
         return None
@@ -472,7 +472,7 @@ def predict(
         arm: the arm.
         parameters: numbers by path, `()` or `(*batch)` each, in place of the arm's own.
         conditions: from `bind`.
-        data: what was measured: it helps to tell which mode a label means, and which modes are as good as one.
+        data: measured values, for the matching of labels to modes and for smoothing where modes cross.
 
     Returns:
         `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], rotations [rad], ratios of
@@ -523,9 +523,9 @@ def _counted(own: Array, above: Array, conditions: Conditions, data: Data | None
     """Return the frequencies of the unnamed values, smooth where the highest measured mode and the next one cross.
 
     The n-th frequency from below, the lesser of two that cross, has a ridge there, on which a search would get stuck.
-    Two modes nearer than a standard deviation s of the value are taken for coupled, so that the lower one is pushed
-    down by (s - gap)^2 / 4s, at most s/4: a smooth minimum (Quilez, "Smooth minimum", 2013, the quadratic one).
-    Between two measured modes none is needed: there the cost is highest on the ridge.
+    Two modes nearer than a standard deviation s of the value count as coupled, so that the lower one is pushed down by
+    (s - gap)^2 / 4s, at most s/4: a smooth minimum (Quilez, "Smooth minimum", 2013, the quadratic one). Between two
+    measured modes no smoothing is needed: there the cost is highest on the ridge.
     """
     if data is None:
         return own

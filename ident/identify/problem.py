@@ -44,7 +44,7 @@ from ident.text import one_line
 # -------- Pose
 
 MOST_VALUES = 20000
-"""Different values of a campaign at most: a fit of as many takes minutes, and of more nothing is learned."""
+"""Most distinct values of a campaign: their fit takes minutes, and more values add nothing."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Posed:
     """A campaign posed to an arm.
 
     Attributes:
-        campaign: what was measured.
-        problem: what is unknown, the data, and the arm in the conditions of the campaign.
-        ratios: measured damping ratios: they decide the damping, and no stiffness.
+        campaign: the measurements.
+        problem: unknowns, data, and the arm in the conditions of the campaign.
+        ratios: measured damping ratios: they determine the damping, but no stiffness.
     """
 
     campaign: Campaign
@@ -71,7 +71,7 @@ class Posed:
 
     @property
     def arm(self) -> Arm:
-        """The arm as its file has it."""
+        """The arm as in its file."""
         return self.model.arm
 
     @property
@@ -93,21 +93,21 @@ class Posed:
 
 
 def pose(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> Posed:
-    """Pose a campaign to an arm, its damping ratios aside (see `ident.identify.damping`).
+    """Pose a campaign without its damping ratios (see `ident.identify.damping`) to an arm.
 
-    The rows that are left have the covariance that they have by themselves, which is the exact marginal.
+    The remaining rows keep their own covariance, which is the exact marginal.
 
-    In this order: names and numbers of rows are checked against the arm (`check_references`), the rows bound to it, the
-    measurement frames found, the unknowns chosen. Everything else takes what comes out. Whether the values are
-    plausible is asked of the model by `check_values`.
+    Steps in order: check names and numbers of rows against the arm (`check_references`), bind the rows to it, estimate
+    the measurement frames, choose the unknowns. All else builds on the result. `check_values` then checks the
+    plausibility of the values with the model.
 
     Args:
         arm: its numbers are starting values and centres of the priors.
         campaign: the measurements.
-        unknowns: what is unknown, and its priors.
+        unknowns: with their priors.
 
     Raises:
-        InputError: campaign and arm, or the named parameters, do not fit together; more values than can be fitted.
+        InputError: campaign and arm, or the named parameters, do not match; more values than can be fitted.
     """
     check_references(arm, campaign)
     ratios, campaign = campaign.of_kind("damping_ratio"), campaign.without("damping_ratio")
@@ -154,8 +154,8 @@ class Ramp:
 
     Attributes:
         name: of its width among the unknowns.
-        rows: places of its rows in the campaign.
-        of: one of these, which says what was read, and at which posture.
+        rows: indices of its rows in the campaign.
+        of: one of these, for the measured quantity and the posture.
         sd: [m or rad] standard deviation of the width; infinite where the data do not determine it.
     """
 
@@ -190,23 +190,23 @@ def ramps_of(campaign: Campaign, problem: InverseProblem, sd: Float[np.ndarray, 
 
 
 # -------- Labels nearby
-# What labels cost at values about the starting ones.
+# Label costs at points near the starting values.
 
 POINTS = 16
-"""Points about the starting values at which labels are looked at."""
+"""Points near the starting values at which labels are checked."""
 NEARBY, FREE = 0.4, 1.0
-"""Their standard deviation in theta, where the prior is not narrower: where values are judged; where labels are."""
+"""Standard deviation of these points in theta, unless the prior is narrower: for checks of values, and of labels."""
 
 
 def labels_about(
     problem: InverseProblem, points: int = POINTS, spread: float = NEARBY, seed: int = 0
 ) -> tuple[Float[np.ndarray, "points D"], Float[np.ndarray, "points D"]]:
-    """Return the cost of each label and what is predicted, by labels alone, at the starting values and about.
+    """Return the cost of each label and the predictions, by labels alone, at and near the starting values.
 
     Args:
         problem: of an arm and a campaign.
-        points: number of points, besides the starting values.
-        spread: their standard deviation in theta, where the prior is not narrower.
+        points: number of points in addition to the starting values.
+        spread: their standard deviation in theta, unless the prior is narrower.
         seed: of the points.
     """
     parameters = problem.parameters

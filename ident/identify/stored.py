@@ -23,22 +23,21 @@ from ident.measure import Campaign
 
 T = TypeVar("T")
 MOVED = 1e-6
-"""Relative difference of a value predicted again from the stored one, above which that is said."""
+"""Relative difference between a recomputed and the stored prediction above which a report mentions it."""
 PARTS: Mapping[str, type] = {
     "optima": Optimum,
     "cross_predictions": CrossPrediction,
     "combinations": Direction,
     "exchanges": Exchange,
 }
-"""Parts of a fit that are lists, and what each item is."""
+"""Parts of a fit that are lists, and the class of their items."""
 
 
 def fit_state(fit: CampaignFit) -> dict[str, Any]:
-    """Return the numbers by which a fit is made again.
+    """Return the numbers from which a fit can be rebuilt.
 
-    They are its optima and what searches have found: what the kinds of measurement say of each other, the ends of the
-    intervals, exchanged values, and tests of assumptions. What follows from the data at the best optimum is computed
-    again.
+    They are its optima and the results of searches: cross predictions of the kinds of measurement, ends of intervals,
+    swapped values, and tests of assumptions. All that follows from the data at the best optimum is computed again.
     """
     held, granted = fit.choice.held, fit.assumptions
     state: dict[str, Any] = {name: [asdict(item) for item in getattr(fit, name)] for name in PARTS}
@@ -51,17 +50,17 @@ def fit_state(fit: CampaignFit) -> dict[str, Any]:
 
 
 def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str, Any]) -> CampaignFit:
-    """Return the fit that `fit_state` has written.
+    """Rebuild a fit from `fit_state`.
 
     Args:
-        arm: as it was fitted.
+        arm: of the fit.
         campaign: the measurements.
-        unknowns: what was unknown, and its priors.
-        state: the numbers, which JSON may have made lists, and what is not finite its name, which `float` reads.
+        unknowns: of the fit, with their priors.
+        state: the numbers; from JSON, arrays may be lists, and nonfinite numbers names that `float` reads.
 
     Raises:
         InputError: see `pose`.
-        KeyError, TypeError, ValueError: numbers of no fit, or of another one.
+        KeyError, TypeError, ValueError: the numbers are not those of this fit.
     """
     stated = state.get("poles", {"numbers": {}, "apart": ()})
     poles = Poles(dict(stated["numbers"]), tuple(map(float, stated["apart"])))
@@ -102,7 +101,7 @@ def _assumptions(state: Mapping[str, Any] | None) -> Assumptions | None:
 
 
 def moved(fit: CampaignFit, state: Mapping[str, Any]) -> float:
-    """Return by how much predictions differ from the stored ones: relative to these, small ones to their sigma."""
+    """Return the largest difference of predictions from the stored ones, relative to these, or to sigma if small."""
     before, sigma = np.asarray(_array(state["predicted"])), np.asarray(fit.problem.sigma)
     size = np.maximum(np.abs(before), np.where(np.isfinite(sigma), sigma, 0.0))
     if not np.array_equal(np.isnan(before), np.isnan(fit.predicted)):
@@ -111,7 +110,7 @@ def moved(fit: CampaignFit, state: Mapping[str, Any]) -> float:
 
 
 def _held(posed: Posed, state: Mapping[str, Any]) -> Matching | None:
-    """Return what lets each labelled value be of the mode, by its place, that it was of."""
+    """Return the matching that keeps each labelled value at its stored mode, by order."""
     first = posed.model.first_matching()
     if first is None:
         return None

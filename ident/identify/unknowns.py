@@ -1,4 +1,4 @@
-"""Which numbers of an arm are unknown: joint stiffnesses, and what else is freed, with their priors."""
+"""The unknowns of an arm: joint stiffnesses and any other freed numbers, with their priors."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,14 +26,14 @@ V = TypeVar("V")
 WEAK_PRIOR = 1.0
 """Default standard deviation of ln(stiffness) about the arm file's value: a factor of 7 each way covers 95 %."""
 BASE_WIDER = 1.5
-"""Width of the prior of a base that gives, as a multiple of the others'; assumed. About ten times joint 1's stiffness
-95 % then lie within 0.5 and 190 times: from softer than the joint to what no campaign would notice."""
+"""Width of a compliant base's prior, as a multiple of the others'; assumed. About ten times joint 1's stiffness, 95 %
+then lie within 0.5 and 190 times it: from softer than the joint to invisible in any campaign."""
 NARROWEST, WIDEST = 1e-6, 100.0
-"""Widths of priors, of ln(value) as a rule: within a millionth a number is known, beyond 43 decades nothing is."""
+"""Allowed widths of priors, usually of ln(value): below a millionth the number is fixed, 43 decades are no prior."""
 ELSEWHERE = 1000.0
-"""Factor from the arm's value beyond which a prior has another unit, as N m per arc minute (3438)."""
+"""Factor from the arm's value beyond which a prior probably has another unit, such as N m per arc minute (3438)."""
 LENGTH_SCALE = 0.1
-"""Unit [m] in which a coordinate without a prior is fitted, so that all unknowns are of order one."""
+"""Unit [m] of theta for a coordinate without a prior, so that all unknowns are of order one."""
 
 
 def parameter(
@@ -42,14 +42,14 @@ def parameter(
     """Make one number of the arm, or several tied ones, an unknown.
 
     Args:
-        arm: gives the value that start and centre default to.
+        arm: its value is the default of start and centre.
         paths: as in `Arm.get`; several are fitted as one number.
-        start: where the fit starts.
-        prior_sd: of ln(value) for what is fitted so (`ident.arm.fields`), else of the value itself in its SI unit.
-        prior: the prior in place of one about the value of width `prior_sd`, for a positive quantity.
+        start: of the fit.
+        prior_sd: of ln(value) for positive quantities (`ident.arm.fields`), else of the value itself in its SI unit.
+        prior: replaces the prior about the arm's value with width `prior_sd`, for a positive quantity.
 
     Raises:
-        InputError: no such number, a positive quantity whose value is not, or a prior for ln of one of either sign.
+        InputError: no such number, a positive quantity with a value <= 0, or a log prior for one of either sign.
     """
     value = next(float(arm.get(path)) for path in paths)
     positive = all((field := field_of(path)) and field.logarithmic for path in paths)
@@ -69,7 +69,7 @@ def parameter(
         remedy = "keep it (`fix`), or drop its prior" if prior_sd > 0 else "correct it"
         raise refusal("", f"a prior width of {prior_sd:g}", expected, remedy, paths[0])
     off = max(prior.low / start, start / prior.high) if prior is not None else 1.0
-    if prior is not None and off > ELSEWHERE:  # an error of units
+    if prior is not None and off > ELSEWHERE:  # wrong unit
         got = f"a prior from {prior.low:.4g} to {prior.high:.4g}, a factor of {off:.2g} from the arm's {start:.4g}"
         remedy = "check its unit, which is SI, or correct the arm file"
         raise refusal("", got, f"a factor of {ELSEWHERE:g} at most", remedy, paths[0])
@@ -79,9 +79,9 @@ def parameter(
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Which numbers of an arm are sought, and what is known of them before the data.
+    """The unknown numbers of an arm, and their priors.
 
-    The stiffnesses of all driven joints' bushings are unknown, and those of a base that gives (`Arm.base`).
+    The stiffnesses of all driven joints' bushings are unknown, and those of a compliant base (`Arm.base`).
 
     Attributes:
         fixed: paths to keep at the arm's value.
@@ -90,8 +90,8 @@ class Unknowns:
         prior_sd: width of the log-normal priors of stiffness and damping about the arm's values; `math.inf` for none.
             A base has one `BASE_WIDER` times as wide.
         priors: priors of single parameters by path, in place of that one.
-        discrepancy: by kind of measurement, the standard deviation of ln(factor) by which the model may be off.
-        uncertain: what is not exactly known, by path, or `load`: its standard deviation as `5%` or `2mm`.
+        discrepancy: by kind of measurement, the standard deviation of ln(factor) of the model's discrepancy.
+        uncertain: standard deviation of each uncertain number, by path or `load`, as `5%` or `2mm`.
     """
 
     fixed: tuple[str, ...] = ()
@@ -104,16 +104,16 @@ class Unknowns:
 
     @property
     def with_prior(self) -> "Unknowns":
-        """The same with a prior on stiffness: one kind of data alone may leave directions open."""
+        """The same with a prior on stiffness, as one kind of data alone may not determine all directions."""
         return replace(self, prior_sd=min(self.prior_sd, WEAK_PRIOR))
 
     def named(self, arm: Arm) -> "Unknowns":
-        """Return the same with the names of an arm's numbers in place of patterns such as `*.k_bend`.
+        """Return the same with patterns such as `*.k_bend` replaced by the names of an arm's numbers.
 
-        What is named by itself keeps what is said of it.
+        An explicit name takes precedence over a pattern.
 
         Raises:
-            InputError: a pattern that fits no number.
+            InputError: a pattern that matches no number.
         """
         paths = arm.paths()
         return replace(
@@ -131,7 +131,7 @@ def _is_pattern(path: str) -> bool:
 
 
 def _named(given: Sequence[str], paths: Sequence[str], option: str) -> tuple[str, ...]:
-    """Return names, in place of each pattern those that fit it and are not given besides."""
+    """Return names, each pattern replaced by its matches that are not also given by name."""
     found: list[str] = []
     for name in given:
         found += [path for path in _fitting(name, paths, option) if path not in found and path not in given]
@@ -140,7 +140,7 @@ def _named(given: Sequence[str], paths: Sequence[str], option: str) -> tuple[str
 
 
 def _spread(given: Mapping[str, V], paths: Sequence[str], option: str) -> dict[str, V]:
-    """Return what is given by name, in place of each pattern by the names that fit it."""
+    """Return entries by name, each pattern replaced by the names that match it."""
     spread = {path: value for pattern, value in given.items() for path in _fitting(pattern, paths, option)}
     return spread | {name: value for name, value in given.items() if not _is_pattern(name)}
 
@@ -155,14 +155,14 @@ def _fitting(pattern: str, paths: Sequence[str], option: str) -> list[str]:
 
 
 def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Parameters:
-    """Make the bushing stiffnesses of all driven joints and of the base unknown, and whatever else is asked for.
+    """Return the parameters: bushing stiffnesses of all driven joints and of the base, and further unknowns.
 
     Args:
         arm: the arm.
-        unknowns: what else is unknown, and what is known of it.
+        unknowns: further unknowns and priors.
 
     Raises:
-        InputError: a path that the arm has not, one that is named twice, or nothing left to fit.
+        InputError: a path that the arm does not have, a path named twice, or nothing left to fit.
     """
     unknowns = (unknowns or Unknowns()).named(arm)
     prior_sd = unknowns.prior_sd
@@ -208,19 +208,19 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Paramete
 
 
 def _tied(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], unknowns: Unknowns) -> Parameter:
-    """Return the unknown of a group of paths, with the first width and the first prior that one of them has."""
+    """Return the unknown of a group of tied paths, with the first width and the first prior given for any of them."""
     width = next((widths[path] for path in group if path in widths), unknowns.prior_sd)
     prior = next((unknowns.priors[path] for path in group if path in unknowns.priors), None)
     return parameter(arm, *group, prior_sd=width, prior=prior)
 
 
 def is_damping(path: str) -> bool:
-    """Tell whether a number is damping: a time or a loss factor, of a bushing or a servo, or alpha."""
+    """Whether a path is a damping number: a time or a loss factor, of a bushing or a servo, or alpha."""
     return path.rpartition(".")[2] in (*DAMPING, *LOSS, "tau") or path == ALPHA
 
 
 def without_damping(unknowns: Unknowns) -> Unknowns:
-    """Return what is asked of stiffness alone, where damping ratios were measured: these decide the damping."""
+    """Return the unknowns without damping, for campaigns with damping ratios: these determine the damping."""
     return replace(
         unknowns,
         fixed=tuple(path for path in unknowns.fixed if not is_damping(path)),
@@ -234,7 +234,7 @@ def damping_parameters(arm: Arm, unknowns: Unknowns) -> tuple[Parameter, ...]:
     """Return the damping numbers that are freed, tied or have a prior by name, each with its own prior.
 
     Raises:
-        InputError: a number that the arm has not, or a prior that can't be.
+        InputError: a number that the arm does not have, or an invalid prior.
     """
     ties = [group for group in unknowns.tied if all(map(is_damping, group))]
     group_of = {path: group for group in ties for path in group}
@@ -244,60 +244,60 @@ def damping_parameters(arm: Arm, unknowns: Unknowns) -> tuple[Parameter, ...]:
 
 
 # -------- Readings
-# Unknowns that say how something was read, by their names.
+# Unknowns of the readings (frames, hysteresis widths), recognised by their names.
 
 SETUP = "setup:"
-"""What the names of a measurement frame's numbers begin with; then its name, then `.x` to `.z` or `.turn.x` to
-`.turn.z`."""
+"""Prefix of the names of a measurement frame's numbers; the frame's name and `.x` to `.z` or `.turn.x` to `.turn.z`
+follow."""
 LOOP = "loop:"
-"""What the names of hysteresis widths begin with; then a number from 1, and the kind of its rows."""
+"""Prefix of the names of hysteresis widths; a number from 1 and the kind of its rows follow."""
 
 
 def is_of_loop(name: str) -> bool:
-    """Tell whether a parameter is the width of a hysteresis loop."""
+    """Whether a parameter is the width of a hysteresis loop."""
     return name.startswith(LOOP)
 
 
 def kind_of(name: str) -> str:
-    """Return the kind of the rows that a loop's width is of."""
+    """Return the kind of the rows of a hysteresis loop."""
     return name.rpartition(":")[2]
 
 
 def is_of_readings(name: str) -> bool:
-    """Tell whether a parameter says how something was read: where a frame is, or how wide a ramp's loop."""
+    """Whether a parameter belongs to the readings: position of a frame, or width of a hysteresis loop."""
     return name.startswith((SETUP, LOOP))
 
 
 # -------- Uncertain
-# Numbers of an arm, and a common scale of its loads, that are not exactly known: nuisance with a Gaussian prior.
+# Uncertain numbers of an arm, and a common scale of its loads: nuisances with a Gaussian prior.
 
 LOAD = "load"
 """Name of the common scale of all measured load cases: that of a load cell."""
 NUISANCE_NARROWEST, NUISANCE_WIDEST = 1e-6, 1.0
-"""Relative widths: what is less sure than by its own size is no nuisance."""
+"""Allowed relative widths: a number uncertain by more than its own size is not a nuisance."""
 
 
 def uncertain_parameters(arm: Arm, widths: Mapping[str, str]) -> tuple[Parameter, ...]:
     """Return a nuisance for each uncertain number, its prior centred at the arm's value.
 
     Args:
-        arm: gives the values.
+        arm: with the values.
         widths: standard deviation by path, or of `load`, as `5%` of the value or as `2mm`.
 
     Raises:
-        InputError: no such number, no width of its unit, or one that is not small.
+        InputError: no such number, a width in a wrong unit, or one that is not small.
     """
     return tuple(_parameter(arm, path, text) for path, text in widths.items())
 
 
 def scaled_bodies(arm: Arm, paths: Iterable[str]) -> tuple[str, ...]:
-    """Return the bodies whose mass is uncertain: their inertia goes with it."""
+    """Return the bodies with uncertain mass: their inertia scales with it."""
     names = {part.name for part in arm.parts() if isinstance(part, Body)}
     return tuple(name for path in paths if path.endswith(".mass") and (name := path.removesuffix(".mass")) in names)
 
 
 def scaled_inertia(arm: Arm, parameters: Mapping[str, Any], bodies: tuple[str, ...]) -> Arm:
-    """Return an arm with the inertia of some bodies in proportion to the mass that they are to have."""
+    """Return an arm with the inertia of some bodies scaled in proportion to their new mass."""
 
     def body(node: Any) -> Any:
         if not isinstance(node, Body) or node.name not in bodies:
@@ -330,13 +330,13 @@ def _parameter(arm: Arm, path: str, text: str) -> Parameter:
 
 
 def with_numbers(arm: Arm, loads: Loads, parameters: Mapping[str, Any], bodies: tuple[str, ...]) -> tuple[Arm, Loads]:
-    """Return an arm and its load cases with these numbers in place, the inertia of some bodies as their mass.
+    """Return an arm and its load cases with these numbers, the inertia of some bodies scaled with their mass.
 
     Args:
         arm: the arm.
         loads: batch `(S, *ones)`.
         parameters: `()` or `(*batch)` each, by path, and `load`.
-        bodies: those whose inertia goes with their mass.
+        bodies: whose inertia scales with their mass.
     """
     own = {path: x for path, x in parameters.items() if path != LOAD}
     loads = scaled_loads(loads, parameters[LOAD]) if LOAD in parameters else loads
@@ -344,7 +344,7 @@ def with_numbers(arm: Arm, loads: Loads, parameters: Mapping[str, Any], bodies: 
 
 
 def scaled_loads(loads: Loads, scale: Any) -> Loads:
-    """Return load cases whose masses, forces and moments are all wrong by one factor; payloads are the arm's own.
+    """Return load cases with all masses, forces and moments scaled by one factor; payloads belong to the arm.
 
     Args:
         loads: batch `(S, *ones)`.
@@ -355,11 +355,11 @@ def scaled_loads(loads: Loads, scale: Any) -> Loads:
 
 
 def is_loaded(loads: Loads) -> bool:
-    """Tell whether any load case has a mass, a force or a moment beside payloads."""
+    """Whether any load case has a mass, a force or a moment in addition to payloads."""
     return any(np.any(part) for part in (loads.mass, loads.force, loads.moment) if part is not None)
 
 
 def check_measurable(widths: Mapping[str, str], loads: Loads) -> None:
-    """Refuse a scale of loads where nothing was loaded but by payloads."""
+    """Refuse a scale of loads if all load cases are payloads only."""
     if LOAD in widths and not is_loaded(loads):
         raise refusal("uncertain", "load, and no row with a mass, force or moment", "one at least", "drop it")

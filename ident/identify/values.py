@@ -1,4 +1,4 @@
-"""Numbers that an arm takes over from a fit or from a posterior."""
+"""Numbers that an arm adopts from a fit or from a posterior."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -20,28 +20,28 @@ if TYPE_CHECKING:
 
 BEST_ONLY = "draws about the best optimum only; the others are left out"
 VANISHING, FARTHEST = 1e6, 1e12
-"""Factors by which a fitted number may be less, and more, than the arm file's: what data leave open may become large,
-but with a millionth of its stiffness no arm stands."""
+"""Largest factors of a fitted number below, and above, the arm file's: an undetermined stiffness may become large, but
+with a millionth of its stiffness no arm is stable."""
 OTHER_LAW = "damping is the arm file's: the law that was measured has no place there"
 OTHER_ARM = "fitted to another arm file, or to this one before it was changed"
 SAME_NUMBER = 1e-6
-"""Difference, relative to the largest component, that the writing of a file may make."""
+"""Difference, relative to the largest component, attributed to rounding in a file."""
 NO_NUMBER = 1e-9
-"""Difference of two numbers [SI] that is none."""
+"""Difference of two numbers [SI] treated as equal."""
 MOST_DIFFERENCES = 3
-"""Differences between two arms that a message names."""
+"""Most differences between two arms named in a message."""
 
 
 @dataclass(frozen=True)
 class Values:
-    """Numbers of an arm, as a fit or a posterior has them.
+    """Numbers of an arm from a fit or a posterior.
 
     Attributes:
-        path: the file that they are from; empty for a result of this process.
+        path: their file; empty for a result of this process.
         sha256: hash of its bytes.
         values: by path in the arm, () or (draws,) [SI]; tied numbers each by its own path.
-        left_out: names in the result that are no numbers of the arm.
-        remark: what else a reader must know; mostly empty.
+        left_out: names in the result that are not numbers of the arm.
+        remark: for the reader; mostly empty.
     """
 
     path: str
@@ -74,12 +74,12 @@ class Values:
         remark: str = "",
         scaled: Sequence[str] = (),
     ) -> "Values":
-        """Return those of some numbers that an arm has; each may stand for several paths, where tied.
+        """Return the numbers that exist in an arm; each may have several tied paths.
 
-        The inertia of bodies in `scaled` goes with their mass.
+        The inertia of bodies in `scaled` scales with their mass.
 
         Raises:
-            InputError: there are none, some are not finite, or the arm has not the base that was fitted.
+            InputError: there are none, some are not finite, or the arm does not have the fitted base.
         """
         own = {*arm.paths(), *loss_paths(arm), ALPHA}
         values = {name: np.asarray(value) for names, value in by_paths.items() for name in names if name in own}
@@ -105,7 +105,7 @@ class Values:
         return replace(self, remark="; ".join(filter(None, (self.remark, remark))))
 
     def outside(self, draws: "Values") -> tuple[str, ...]:
-        """Return the numbers that lie outside all draws of another."""
+        """Return the names of numbers that lie outside all draws of another."""
         both = [path for path in self.values if path in draws.values]
         return tuple(p for p in both if not draws.values[p].min() <= self.medians[p] <= draws.values[p].max())
 
@@ -121,14 +121,14 @@ class Values:
 
 @dataclass(frozen=True)
 class Robot:
-    """What the stiffnesses of an arm were identified with: of another robot they are no stiffnesses of this one.
+    """Identity of the robot with which stiffnesses were identified: they do not apply to another robot.
 
-    Points, payloads, drives, belts, stroke, workspace, limits and the name belong to its work, and are left out.
+    Points, payloads, drives, belts, stroke, workspace, limits and the name do not belong to the identity.
 
     Attributes:
-        name: of the arm; empty where a file does not say with which arm its values were identified.
+        name: of the arm; empty if a file does not name the arm of its values.
         joints: their names, from the base outwards.
-        driven: the names of those that have a pin.
+        driven: the names of those with a pin.
         numbers: by path [SI], whole vectors and tensors: axes, offsets and stiffnesses of the joints, masses, mass
             centres and inertias of the links, curved springs.
         sha256: hash of the arm's file; empty where it has none.
@@ -142,7 +142,7 @@ class Robot:
 
     @classmethod
     def of(cls, arm: Arm, sha256: str = "") -> "Robot":
-        """Return what identifies an arm."""
+        """Return the identity of an arm."""
         parts: list[Any] = [part for joint in arm.joints for part in (joint, *joint.shaft, *joint.link)]
         numbers: dict[str, Any] = {f"{joint.name}.axis": np.asarray(joint.axis).tolist() for joint in arm.joints}
         for part in (*parts, *arm.springs):
@@ -154,10 +154,10 @@ class Robot:
 
     @classmethod
     def read(cls, document: Any, sha256: str) -> "Robot":
-        """Return what a result file says of its arm; one of an earlier version says nothing.
+        """Read the arm's identity from a result file; files of earlier versions have none.
 
         Raises:
-            ValueError, TypeError, KeyError: the document is none of ours.
+            ValueError, TypeError, KeyError: the document has another format.
         """
         if document is None:
             return cls(sha256=sha256)
@@ -170,7 +170,7 @@ class Robot:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The robot as its result files have it."""
+        """The robot in the format of result files."""
         return {name: value for name, value in asdict(self).items() if name != "sha256"}
 
     def at(self, path: str) -> float | None:
@@ -182,11 +182,11 @@ class Robot:
         return float(np.asarray(value)[COMPONENTS[component]]) if component in COMPONENTS else None
 
     def differences(self, other: "Robot", but: Collection[str] = ()) -> dict[str, str]:
-        """Return in which quantities another robot differs, each in words: `link2.mass (3 kg there, 5 kg here)`.
+        """Return the quantities in which another robot differs, each in words: `link2.mass (3 kg there, 5 kg here)`.
 
         Args:
-            other: the robot that is here.
-            but: numbers by path that may differ, as `link2.com.x`.
+            other: the robot here.
+            but: numbers by path that may differ, such as `link2.com.x`.
         """
         found = {}
         for word, one, two in (("joints", self.joints, other.joints), ("driven joints", self.driven, other.driven)):
@@ -204,12 +204,12 @@ class Robot:
         return found
 
     def _differs(self, path: str, there: Any, here: Any, other: "Robot", but: Collection[str]) -> bool:
-        """Tell whether a quantity differs in a component that may not."""
+        """Whether a quantity differs in a component that must be equal."""
         one, two = np.asarray(there, float), np.asarray(here, float)
         if one.shape != two.shape:
             return True
         mass = f"{path.removesuffix('.inertia')}.mass"
-        if mass in but and mass in self.numbers and other.numbers.get(mass):  # a shape's inertia goes with the mass
+        if mass in but and mass in self.numbers and other.numbers.get(mass):  # a shape's inertia scales with the mass
             scaled = two * (self.numbers[mass] / other.numbers[mass])
             two = scaled if np.allclose(scaled, one, SAME_NUMBER, NO_NUMBER) else two
         places = {f"{path}.{end}": place for end, place in COMPONENTS.items() if len(place) == one.ndim}
@@ -238,25 +238,25 @@ def of_this_robot(
     designed: Collection[str] = (),
     force: bool = False,
 ) -> Values:
-    """Return values that an arm may take over, with a remark where they are of one that differs.
+    """Return values that an arm may adopt, with a remark if their robot differs.
 
     Args:
-        values: those of the result.
+        values: of the result.
         robot: with which they were identified.
-        own: the arm that is to take them over.
-        changed: numbers that the user sets besides, by path.
-        designed: numbers that `ident design` has changed, by path; they may differ.
-        force: take the values of another robot, too.
+        own: the arm that adopts them.
+        changed: further numbers set by the user, by path.
+        designed: numbers changed by `ident design`, by path; they may differ.
+        force: also accept the values of another robot.
 
     Raises:
-        InputError: the values are of another robot, or would undo what was designed.
+        InputError: the values belong to another robot, or would undo a design change.
     """
     other_file = bool(own.sha256 and robot.sha256 and own.sha256 != robot.sha256)
     if not robot.joints:
         return values.remarked(OTHER_ARM) if other_file else values
     but = {*values.values, *changed}
     apart, insist = robot.differences(own, but), "or insist (`force`)"
-    # of a body of which a number is designed all may differ: its inertia follows from mass and shape
+    # all numbers of a redesigned body may differ: its inertia follows from mass and shape
     bodies = {part for part in (path.partition(".")[0] for path in designed) if f"{part}.mass" in own.numbers}
     beyond = robot.differences(own, {*but, *designed, *(p for p in own.numbers if p.partition(".")[0] in bodies)})
     undone = [path for path in designed if path in values.values and path not in changed]
@@ -290,7 +290,7 @@ def _few(texts: Sequence[str]) -> str:
 
 
 def _impossible(path: str, name: str, value: np.ndarray, arm: Arm) -> Iterator[Problem]:
-    """Yield why numbers can't be this number of an arm: the worst of them, by the sign, or by its size."""
+    """Yield why values are impossible for this number of an arm: the worst of them, by its sign or its size."""
     field, own, remedy = field_of(name), float(arm.get(name)), "run the fit or sample again"
     if not value.size:
         yield Problem(path, "no draw", "draws", remedy, name)
@@ -305,7 +305,7 @@ def _impossible(path: str, name: str, value: np.ndarray, arm: Arm) -> Iterator[P
 
 
 def _inertia(arm: Arm, body: str, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return a body's inertia in proportion to its mass, by path; nothing where there is no mass of it."""
+    """Return a body's inertia in proportion to its mass, by path; nothing without a mass."""
     mass = values.get(f"{body}.mass")
     if mass is None:
         return {}
@@ -314,26 +314,26 @@ def _inertia(arm: Arm, body: str, values: Mapping[str, np.ndarray]) -> dict[str,
 
 
 def scaled_by(problem: "InverseProblem") -> tuple[str, ...]:
-    """Return the bodies whose inertia goes with their mass in a problem; none beside discrepancies."""
+    """Return the bodies whose inertia scales with their mass in a problem; none with discrepancies."""
     return tuple(getattr(problem.model, "scaled", ()))
 
 
 def remark_on(doubts: Sequence[str], damping: bool = True) -> str:
-    """Say that a fit is in doubt, and that the law of its damping is none that an arm can have; nothing otherwise."""
+    """Write that a fit has objections, or that an arm file cannot hold its damping law; empty otherwise."""
     doubt = f"the fit is in doubt: {'; '.join(doubts)}" if doubts else ""
     return "; ".join(filter(None, (doubt, "" if damping else OTHER_LAW)))
 
 
 @dataclass(frozen=True)
 class Draws:
-    """All draws of a posterior about its best optimum, burn-in left out.
+    """All draws of a posterior about its best optimum, without burn-in.
 
     Attributes:
-        by_paths: (n,) [SI] of each unknown, by the paths of the numbers that it stands for; chain after chain.
-        path: the file that they are from; empty for a result of this process.
+        by_paths: (n,) [SI] of each unknown, by the paths of its numbers; chain after chain.
+        path: their file; empty for a result of this process.
         sha256: hash of its bytes.
-        remark: what else a reader must know; mostly empty.
-        scaled: bodies whose inertia goes with their mass.
+        remark: for the reader; mostly empty.
+        scaled: bodies whose inertia scales with their mass.
         robot: with which they were identified.
     """
 
@@ -346,7 +346,7 @@ class Draws:
 
     @classmethod
     def of_sample(cls, sampled: "CampaignSample", arm: Arm | None = None, sha256: str = "") -> "Draws":
-        """Return the draws of a posterior that was sampled in this process, of an arm if that is to be compared."""
+        """Return the draws of a posterior sampled in this process, with an arm if robots are to be compared."""
         sample = sampled.sample
         by_chain, items = sample.by_chain(), sample.posterior.parameters.items
         best = by_chain.optimum == by_chain.optimum.min()
@@ -357,21 +357,21 @@ class Draws:
         return cls(by_paths, remark="" if best.all() else BEST_ONLY, scaled=scaled, robot=robot)
 
     def doubted(self, doubts: Sequence[str]) -> "Draws":
-        """Return the same with a remark on the objections to the fit that they started from."""
+        """Return the same with a remark on the objections to their starting fit."""
         return replace(self, remark="; ".join(filter(None, (remark_on(doubts), self.remark))))
 
     @property
     def total(self) -> int:
-        """How many there are."""
+        """Number of draws."""
         return min((len(values) for values in self.by_paths.values()), default=0)
 
     def some(self, arm: Arm, count: int, seed: int | None = None) -> Values:
         """Return draws of an arm's numbers.
 
         Args:
-            arm: whose numbers are looked for.
-            count: draws, at most; all if there are fewer.
-            seed: of a choice at random, none drawn twice; without one the draws are spread evenly over the chains.
+            arm: with these numbers.
+            count: most draws; all if there are fewer.
+            seed: of a random choice without replacement; without it the draws are spread evenly over the chains.
 
         Raises:
             InputError: there is no number of this arm.
@@ -379,14 +379,14 @@ class Draws:
         return self._at(_choice(self.total, min(count, self.total), seed), arm)
 
     def two_groups(self, arm: Arm, count: int, fresh: int, seed: int = 0) -> tuple[Values, Values | None]:
-        """Return draws that are spread evenly over the chains, and others, chosen at random of those that are left.
+        """Return draws spread evenly over the chains, and a random choice of the remaining ones.
 
-        What was fitted to the first can be tested with the others.
+        A design fitted to the first group can be tested with the second.
 
         Args:
-            arm: whose numbers are looked for.
-            count: draws of the first group, at most; all if there are fewer.
-            fresh: draws of the second, at most; all that are left if these are fewer, None if there are none.
+            arm: with these numbers.
+            count: most draws of the first group; all if there are fewer.
+            fresh: most draws of the second; all remaining ones if these are fewer, None if there are none.
             seed: of the choice.
 
         Raises:
@@ -409,19 +409,19 @@ def _choice(total: int, count: int, seed: int | None) -> np.ndarray:
 
 
 # -------- Identified
-# What a fit or a posterior says of the numbers of an arm, to be written elsewhere.
+# Numbers of an arm from a fit or a posterior, for export to other files.
 
 
 @dataclass(frozen=True)
 class Identified:
-    """Numbers of an arm by path, with where they come from.
+    """Numbers of an arm by path, with their sources.
 
     Attributes:
         values: fitted value, or median of the draws [SI]; tied numbers each by its own path.
-        intervals: 95 % interval of each [SI]; none of what measured damping ratios say.
-        supported: those of which the data support an interval.
+        intervals: 95 % interval of each [SI]; none for damping from measured ratios.
+        supported: numbers whose interval the data support.
         doubts: objections to the fit.
-        sources: what they were made from: a word, path and SHA-256 of each file.
+        sources: a word, path and SHA-256 of each file.
     """
 
     values: Mapping[str, float]

@@ -1,4 +1,4 @@
-"""Chains of the sampler: what they tell of themselves while they grow, and how they are kept."""
+"""Chains of the sampler: diagnosis during the run, and storage."""
 
 import hashlib
 import math
@@ -16,7 +16,7 @@ from ident.codec import Store
 from ident.inference.posterior import Posterior
 
 # -------- Checkpoints
-# Chains as they grow, in memory and on disk: of bounded size, and gone on with to the bit.
+# Growing chains, in memory and on disk: of bounded size, and resumable to the bit.
 
 LAST = "last"
 """Name of the checkpoint's item; those of the draws have numbers."""
@@ -24,15 +24,15 @@ LAST = "last"
 
 @dataclass(frozen=True)
 class Walkers:
-    """All walkers at one moment, with what is needed to move them on.
+    """All walkers at one moment, with the state needed to continue.
 
     Attributes:
-        theta: (N, Q) where they are, one ensemble after the other.
-        known: (N, columns) what `densities` says of these points.
+        theta: (N, Q) their positions, one ensemble after the other.
+        known: (N, columns) `densities` at these points.
         key: (624,) state of the Mersenne twister.
-        position: (2,) its place, and whether a normal deviate is in store.
+        position: (2,) position in that state, and whether a normal deviate is stored.
         deviate: that deviate.
-        share: of the moves that are independent proposals.
+        share: of independent proposals among the moves.
     """
 
     theta: Float[np.ndarray, "N Q"]
@@ -45,7 +45,7 @@ class Walkers:
 
 @dataclass(frozen=True)
 class Draws:
-    """A stretch of all chains.
+    """A block of all chains.
 
     Attributes:
         theta: (n, ensembles, walkers, P)
@@ -58,15 +58,15 @@ class Draws:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The end of all chains so far.
+    """The present end of all chains.
 
     Attributes:
-        steps: taken.
-        thin: steps from one draw that is kept to the next.
-        first, end: numbers of the first item of draws, and behind the last.
-        accepted: (ensembles,) moves.
+        steps: so far.
+        thin: steps from one kept draw to the next.
+        first, end: number of the first stored item of draws, and one past the last.
+        accepted: (ensembles,) number of accepted moves.
         check_at: steps at which the chains are diagnosed next.
-        walkers: where they are.
+        walkers: at the end.
     """
 
     steps: int
@@ -79,13 +79,13 @@ class Checkpoint:
 
 
 class Chains:
-    """All draws that are kept: every step until there are too many, then every second one, every fourth, and so on."""
+    """All kept draws: every step until there are too many, then every second one, every fourth, and so on."""
 
     def __init__(self, store: Store, most: int):
-        """Take up what the store has, if that is whole; else begin again.
+        """Continue from the store if it is complete; else start from the beginning.
 
         Args:
-            store: where the draws go.
+            store: for the draws.
             most: draws, of all walkers together, above which every second step is dropped.
         """
         self.store, self.most = store, most
@@ -104,11 +104,11 @@ class Chains:
 
     @property
     def thin(self) -> int:
-        """Steps from one draw that is kept to the next."""
+        """Steps from one kept draw to the next."""
         return self.last.thin if self.last else 1
 
     def whole(self) -> Draws:
-        """Return all draws that are kept."""
+        """Return all kept draws."""
         if len(self.parts) == 1:
             return self.parts[0]
         names = "theta", "log_density"
@@ -117,11 +117,11 @@ class Chains:
     def add(self, block: Draws, accepted: Int[np.ndarray, "ensembles"], walkers: Walkers, check_at: int) -> None:
         """Add a block of draws at every `thin`-th step, and the walkers at its end.
 
-        Draws are written first and the checkpoint that names them last: killed at any moment, a run goes on from the
+        Draws are written first and the checkpoint that names them last: killed at any moment, a run continues from the
         checkpoint before.
 
         Raises:
-            InputError: it can't be written; what was there is untouched.
+            InputError: the store cannot be written; its content is untouched.
         """
         steps, thin = self.steps, self.thin
         first, end = (self.last.first, self.last.end) if self.last else (0, 0)
@@ -142,7 +142,7 @@ def _every(draws: Draws, first: int, step: int) -> Draws:
 
 
 def identity(posterior: Posterior, settings: Mapping[str, object]) -> dict[str, str]:
-    """Name what a chain depends on: the posterior, settings by name, and the libraries."""
+    """Return the inputs that identify a chain: the posterior, settings by name, and the libraries."""
     numbers = hashlib.sha256()
     for leaf in jax.tree.leaves(eqx.filter(posterior, eqx.is_array)):
         numbers.update(np.asarray(leaf).tobytes())
@@ -159,25 +159,25 @@ def _name(number: int) -> str:
 
 
 # -------- Diagnostics
-# What chains say of themselves: autocorrelation time, effective sample size, R-hat.
+# Diagnosis of chains: autocorrelation time, effective sample size, R-hat.
 
 BURN_IN = 5
-"""Autocorrelation times that are left out at the start; assumed."""
+"""Length of the burn-in in autocorrelation times; assumed."""
 LONG_ENOUGH = 50
-"""Autocorrelation times below which emcee's estimate of that time is not to be trusted; the rule of emcee's manual."""
+"""Chain length, in autocorrelation times, from which emcee's estimate of that time is reliable; rule of its manual."""
 ENDLESS = 1e9
-"""Steps that no run takes: what is beyond is as good as for ever."""
+"""Number of steps that no run reaches."""
 MIXED = 1.01
-"""R-hat above which the ensembles have not found the same distribution (Vehtari et al. 2021)."""
+"""R-hat above which the ensembles have not mixed (Vehtari et al. 2021)."""
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """How far the ensembles about one optimum are to be trusted.
+    """Diagnosis of the ensembles about one optimum.
 
     Attributes:
-        steps: steps taken.
-        burn_in: steps left out at the start.
+        steps: of the chains.
+        burn_in: steps to discard at the start.
         tau: (P,) [steps] integrated autocorrelation time, by emcee.
         bulk: (P,) bulk effective sample size, by ArviZ, each walker a chain.
         tail: (P,) effective sample size of the 5 % and 95 % quantiles.
@@ -198,15 +198,15 @@ class Diagnosis:
 
     @property
     def long_enough(self) -> bool:
-        """Whether the chains are long enough for their autocorrelation time to be known."""
+        """Whether the chains are long enough for a reliable autocorrelation time."""
         return bool(self.steps - self.burn_in >= LONG_ENOUGH * self.tau.max())
 
     def enough(self, target: float) -> bool:
-        """Tell whether the target effective sample size is reached by chains that can be trusted."""
+        """Whether reliable chains have reached the target effective sample size."""
         return self.mixed and self.long_enough and bool(self.bulk.min() >= target)
 
     def more_steps(self, target: float) -> int:
-        """Estimate how many steps more are needed."""
+        """Estimate the number of further steps needed."""
         counted = self.steps - self.burn_in
         to_mix = 0.0 if self.mixed else 2.0 * counted
         needed = max(LONG_ENOUGH * self.tau.max(), counted * target / self.bulk.min(), to_mix)
@@ -214,7 +214,7 @@ class Diagnosis:
 
 
 def diagnose(theta: Float[np.ndarray, "n ensembles walkers P"], apart: int = 1) -> Diagnosis:
-    """Diagnose ensembles that should have found the same distribution.
+    """Diagnose ensembles that should sample the same distribution.
 
     Args:
         theta: their draws.
@@ -229,7 +229,7 @@ def diagnose(theta: Float[np.ndarray, "n ensembles walkers P"], apart: int = 1) 
 
     length, ensembles, _, count = theta.shape
     by_walker = theta.reshape(length, -1, count)
-    with np.errstate(invalid="ignore"):  # a walker that never moved has no autocorrelation: as long as the chain
+    with np.errstate(invalid="ignore"):  # a walker that never moved: NaN, replaced by the chain's length
         tau = np.atleast_1d(emcee.autocorr.integrated_time(by_walker, tol=0, quiet=True))
     tau = np.where(np.isfinite(tau), np.maximum(tau, 1.0), length)
     burn_in = min(math.ceil(BURN_IN * tau.max()), length // 2)

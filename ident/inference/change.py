@@ -1,14 +1,14 @@
 """Whether parameters have changed between two fits: both data sets fitted again together, the changes free.
 
-What both fits have in common counts once: the prior, and every parameter that does not change. A changing parameter has
+The fits share the prior and every parameter that does not change; these count once. A changing parameter has
 theta = m - d/2 in the first and m + d/2 in the second, the prior on m. All changes together are tested by
 
     T = min(d = 0) - min(d free)
 
 of chi-squared plus priors. Changes have a wide prior of their own, normal with the standard deviation `WIDE`, so
-that a direction that data do not see counts nothing. In the linear case T is then the sum of w z^2, z standard normal,
-w = l / (1 + l), l the eigenvalues of the changes' information in units of that prior: of mean sum(w) and variance
-2 sum(w^2), by which a gamma distribution is chosen (Satterthwaite 1946, Biometrics Bulletin 2).
+that a direction on which the data do not depend counts nothing. In the linear case T is then the sum of w z^2, z
+standard normal, w = l / (1 + l), l the eigenvalues of the changes' information in units of that prior. Its mean sum(w)
+and variance 2 sum(w^2) give a gamma distribution (Satterthwaite 1946, Biometrics Bulletin 2).
 """
 
 from collections.abc import Sequence
@@ -25,14 +25,14 @@ from ident.inference.search import look
 WIDE = 1.0
 """Standard deviation of the prior of a change in theta: for a stiffness, a factor of e."""
 OPEN = 0.5
-"""Standard deviation of a change, as a share of that, from which it is open: the prior tells a quarter or more."""
+"""Standard deviation of a change, relative to `WIDE`, from which it is open: a quarter or more comes from the prior."""
 LEVEL = 0.05
-"""Chance of calling anything changed where nothing is; as is usual."""
+"""Significance level: probability of reporting a change where there is none; the usual value."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """What has changed from one fit to another, by data of both.
+    """Changes from one fit to another, by the data of both.
 
     Attributes:
         names: (C,) parameters that may have changed.
@@ -40,11 +40,11 @@ class Change:
         second: (C,) [SI] in the second.
         change: (C,) change of theta: ln of the ratio of a positive parameter.
         covariance: (C, C) of it, by data and priors.
-        under_none: (C,) standard deviation of the estimated change where nothing has changed.
+        under_none: (C,) standard deviation of the estimated change if nothing has changed.
         statistic: T.
-        mean: of T where nothing has changed, its degrees of freedom.
-        variance: of T then.
-        alone: (C,) chance of so large a T of the other changes where only this one is real.
+        mean: of T if nothing has changed, its degrees of freedom.
+        variance: of T in that case.
+        alone: (C,) p-value of the other changes' T if only this one is real.
     """
 
     names: tuple[str, ...]
@@ -71,17 +71,17 @@ class Change:
 
     @property
     def open(self) -> Bool[np.ndarray, "C"]:
-        """Which changes the data leave to their prior."""
+        """Which changes the data do not determine beyond their prior."""
         return self.sd > OPEN * WIDE
 
     @property
     def p_value(self) -> float:
-        """Chance of a larger T where nothing has changed."""
+        """Probability of a larger T if nothing has changed."""
         return chance(self.statistic, self.mean, self.variance)
 
     @cached_property
     def p_values(self) -> Float[np.ndarray, "C"]:
-        """Chance, for each parameter, of so large a change where nothing has changed; by Holm for their number."""
+        """P-value of each parameter's change, corrected for their number (Holm)."""
         from scipy.special import ndtr
 
         return holm(2 * ndtr(-np.abs(self.change) / np.maximum(self.under_none, np.finfo(float).tiny)))
@@ -93,12 +93,12 @@ class Change:
 
     @property
     def changed(self) -> Bool[np.ndarray, "C"]:
-        """Which parameters have changed for themselves."""
+        """Which parameters have changed, each by itself."""
         return (self.p_values < LEVEL) & self.seen & ~self.open
 
 
 def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
-    """Fit the data of two fits together and return what has changed.
+    """Fit the data of two fits together and return the changes.
 
     Args:
         first: the earlier fit.
@@ -113,7 +113,7 @@ def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
     mean, variance = moments(seen)
 
     def alone(k: int) -> float:
-        """Return the chance of so large a T of all other changes where only this one is real."""
+        """Return the p-value of all other changes' T if only this one is real."""
         one = [*range(count), count + k]
         others = [i for i in range(count, len(free)) if i != count + k]
         least = min(joint.cost(joint.searched(start, one)) for start in (none, free))
@@ -134,21 +134,21 @@ def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
 
 
 def _seen(shared: Float[np.ndarray, "R U"], own: Float[np.ndarray, "R C"]) -> Float[np.ndarray, "C C"]:
-    """Return the information on some unknowns where the others are free: a Schur complement."""
+    """Return the information on some unknowns with the others free: a Schur complement."""
     cross = own.T @ shared
     whole: np.ndarray = own.T @ own - cross @ np.linalg.pinv(shared.T @ shared, hermitian=True) @ cross.T
     return whole
 
 
 def moments(seen: Float[np.ndarray, "C C"]) -> tuple[float, float]:
-    """Return mean and variance of T where nothing has changed."""
+    """Return mean and variance of T if nothing has changed."""
     levels = np.maximum(np.linalg.eigvalsh(seen), 0.0) * WIDE**2
     weights = levels / (1 + levels)
     return float(weights.sum()), float(2 * (weights**2).sum())
 
 
 def chance(statistic: float, mean: float, variance: float) -> float:
-    """Return the chance of a larger T: that of a gamma distribution of this mean and variance."""
+    """Return the probability of a larger T, from a gamma distribution with this mean and variance."""
     from scipy.stats import gamma
 
     if not mean > 0:
@@ -178,7 +178,7 @@ class _Joint:
         return way
 
     def starts(self) -> list[Float[np.ndarray, "joint"]]:
-        """Return where to search from: the mean of both fits with their difference, and each fit with no change."""
+        """Return the starts of the search: the mean of both fits with their difference, and each fit with no change."""
         thetas = [dict(zip(fit.problem.parameters.names, fit.best.theta, strict=True)) for fit in self.fits]
         apart = [thetas[1][name] - thetas[0][name] for name in self.changing]
         none = np.zeros(len(apart))
@@ -187,13 +187,13 @@ class _Joint:
         return [np.concatenate(each) for each in ((middle, apart), (one, none), (other, none), (middle, none))]
 
     def solved(self) -> tuple[Float[np.ndarray, "joint"], Float[np.ndarray, "joint"]]:
-        """Return the best unknowns with the changes free, and with none."""
+        """Return the best unknowns with the changes free, and with no change."""
         both, *rest = self.starts()
         none = min((self.searched(start, range(len(self.names))) for start in rest), key=self.cost)
         return min((self.searched(start, range(len(both))) for start in (both, none)), key=self.cost), none
 
     def searched(self, start: Float[np.ndarray, "joint"], moving: Sequence[int]) -> Float[np.ndarray, "joint"]:
-        """Search by SciPy's least squares; of the changes only those named move, the others are none."""
+        """Search by SciPy's least squares; only the named changes are free, the others stay zero."""
         from scipy.optimize import least_squares
 
         way = np.eye(len(start))[:, list(moving)]
@@ -220,7 +220,7 @@ class _Joint:
         return np.array([float(values[name]) for name in self.changing])
 
     def _weighed(self, joint: Float[np.ndarray, "joint"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals and derivatives, of each point computed once: SciPy asks for them one after the other."""
+        """Return residuals and derivatives, computed once for each point: SciPy requests them one after the other."""
         key = joint.tobytes()
         if key not in self.known:
             self.known[key] = self._computed(joint)
@@ -246,15 +246,15 @@ class _Joint:
 
 
 # -------- Independent change
-# Whether parameters have changed between two estimates whose data are not at hand: as if they had nothing in common.
+# Whether parameters have changed between two estimates without their data, treated as independent.
 #
-# The difference of the means is normal then, with the sum of both covariances, and what `change` says of fits follows
-# in closed form.
+# The difference of the means is then normal, with the sum of both covariances, and the results of `change` have a
+# closed form.
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What is known of some parameters where the data behind it are not at hand.
+    """Estimate of some parameters, without the data behind it.
 
     Attributes:
         theta: (C,) their means: ln of a positive parameter [SI].
@@ -266,9 +266,9 @@ class Estimate:
 
 
 def independent_change(names: Sequence[str], first: Estimate, second: Estimate) -> Change:
-    """Return what has changed from one estimate to another, as if they had nothing in common.
+    """Return the changes from one estimate to another, treated as independent.
 
-    Where both hold the same prior it counts twice: what it tells draws them together, and a change looks smaller.
+    A prior common to both counts twice: it draws the estimates together, and a change looks smaller.
 
     Args:
         names: (C,) of the parameters, all positive.

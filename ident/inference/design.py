@@ -1,14 +1,14 @@
-"""Optimal design: what is known before a plan, and how much each experiment would add.
+"""Optimal design: the information before a plan, and the gain of each experiment.
 
-What to measure next: the experiments that tell most for their cost, for any model whose predictions have a Jacobian.
+What to measure next: the experiments with the most information for their cost, for any model with a Jacobian.
 
 The gains are those of the linear-Gaussian model. With C and C' the covariance of theta before and after,
 
     d     ln det(C) / 2 - ln det(C') / 2 [nat]: the expected information gain, or mutual information
-    a     (tr C - tr C') / P: the mean variance that goes
+    a     (tr C - tr C') / P: the fall of the mean variance
     NAME  ln sd - ln sd' of that parameter
 
-each averaged over the points of `PriorInformation`. C is that of the sought parameters, whatever the nuisances are.
+each averaged over the points of `PriorInformation`. C is that of the sought parameters, the nuisances integrated out.
 
 References:
     Lindley, "On a measure of the information provided by an experiment", Ann. Math. Stat. 27(4), 1956.
@@ -31,7 +31,7 @@ from ident.inference.search import evaluate
 from ident.text import did_you_mean, quoted
 
 # -------- Prior information
-# What is known of the parameters before a plan is made: points where they may lie, and the information there.
+# Information on the parameters before a plan: plausible points, and the inverse covariance there.
 
 OPEN_SD = 3.0
 """Standard deviation in theta of a parameter without a prior, for planning only: a factor of 20 for a stiffness."""
@@ -40,16 +40,16 @@ DRAWS = 8
 
 @dataclass(frozen=True)
 class PriorInformation:
-    """What is known now, by prior and data.
+    """Present information by prior and data.
 
-    A gain is a mean over the points, so that a plan does not hang on one guess of what is unknown. The first point is
-    the best estimate; the standard deviations of a plan are quoted there.
+    A gain is a mean over the points, so that a plan does not depend on one guess of the unknowns. The first point is
+    the best estimate; the standard deviations of a plan are reported there.
 
     Attributes:
         names: (P,) parameters.
         points: (T, P) theta.
         information: (T, P, P) inverse covariance of theta by prior and data, linearized at each point.
-        nuisance: those parameters that are not sought, but not exactly known.
+        nuisance: uncertain parameters that are not sought.
     """
 
     names: tuple[str, ...]
@@ -68,15 +68,15 @@ class PriorInformation:
         return sds(self.of_sought(self.information))
 
     def of_sought(self, information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*batch sought sought"]:
-        """Return the inverse covariance of the sought parameters alone, whatever the nuisances are."""
+        """Return the inverse covariance of the sought parameters alone, the nuisances integrated out."""
         return marginal(information, [self.names.index(name) for name in self.sought])
 
     def at(self, chosen: np.ndarray) -> "PriorInformation":
-        """Return what is known at some of the points."""
+        """Return the information at some of the points."""
         return replace(self, points=self.points[chosen], information=self.information[chosen])
 
     def without(self, names: Sequence[str]) -> "PriorInformation":
-        """Return what is known of the parameters other than these, whatever these are."""
+        """Return the information on the other parameters, with these integrated out."""
         kept = [i for i, name in enumerate(self.names) if name not in names]
         return PriorInformation(
             tuple(self.names[i] for i in kept),
@@ -87,12 +87,12 @@ class PriorInformation:
 
 
 def sds(information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*batch P"]:
-    """Return the standard deviations that go with inverse covariances."""
+    """Return the standard deviations of inverse covariances."""
     return np.sqrt(np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1))
 
 
 def marginal(information: Float[np.ndarray, "*batch P P"], kept: Sequence[int]) -> Float[np.ndarray, "*batch K K"]:
-    """Return the inverse covariance of some parameters, those of the others being integrated out."""
+    """Return the inverse covariance of some parameters, the others integrated out."""
     others = [i for i in range(information.shape[-1]) if i not in kept]
     own, between = information[..., kept, :][..., kept], information[..., others, :][..., kept]
     if not others:
@@ -101,7 +101,7 @@ def marginal(information: Float[np.ndarray, "*batch P P"], kept: Sequence[int]) 
 
 
 def prior_information(parameters: Parameters, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
-    """Return what the priors say before anything is measured; see `_normal_prior`."""
+    """Return the information of the priors, before any measurement; see `_normal_prior`."""
     centre, sd = _normal_prior(parameters)
     information = np.diag(1 / sd**2)
     points = _spread(centre, np.diag(sd**2), draws, seed)
@@ -109,7 +109,7 @@ def prior_information(parameters: Parameters, *, draws: int = DRAWS, seed: int =
 
 
 def prior_and_data_information(fit: Fit, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
-    """Return what a fit says: points about its optimum, the data's Fisher information at each, and the priors'."""
+    """Return the information of a fit: points about its optimum, with Fisher information of data and priors at each."""
     parameters = fit.problem.parameters
     _, sd = _normal_prior(parameters)
     best, prior = fit.best.theta, np.diag(1 / sd**2)
@@ -124,9 +124,9 @@ def _known(parameters: Parameters, points: np.ndarray, information: np.ndarray) 
 
 
 def scaled_jacobians(problem: InverseProblem, points: Iterable[np.ndarray]) -> Float[np.ndarray, "T D P"]:
-    """Return d(predicted / sigma)/d(theta) at each point; zero rows where the model has no answer.
+    """Return d(predicted / sigma)/d(theta) at each point; zero rows where the model has no solution.
 
-    It needs nothing of a problem but what `fit` needs, so any model can be planned for, not only an arm.
+    It needs no more than `fit` does, so a plan is possible for any model, not only an arm.
     """
     rows = [problem.scaled(np.asarray(evaluate(problem, jnp.asarray(theta)).jacobian)) for theta in points]
     return np.nan_to_num(np.stack(rows))
@@ -138,10 +138,10 @@ def fisher(scaled: Float[np.ndarray, "*batch D P"]) -> Float[np.ndarray, "*batch
 
 
 def _normal_prior(parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
-    """Return means and standard deviations of the normal priors that stand for the parameters' own in a plan.
+    """Return means and standard deviations of the normal priors that replace the parameters' priors in a plan.
 
-    A flat prior is replaced by a normal one of about its width, none by one of `OPEN_SD`; a nuisance without a prior is
-    known by the data alone.
+    A flat prior is replaced by a normal one of about its width, a missing one by `OPEN_SD`; for a nuisance without a
+    prior only the data have information.
     """
     return parameters.theta_centre, np.where(parameters.proper | parameters.nuisance, parameters.normal_sd, OPEN_SD)
 
@@ -150,7 +150,7 @@ def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> 
     """Return the mean, then quasi-random draws about it, which cover a normal law more evenly than random ones."""
     if not draws:
         return mean[None]
-    from scipy.stats import qmc  # long to import, and seldom needed
+    from scipy.stats import qmc  # slow to import, and seldom needed
 
     sampler = qmc.MultivariateNormalQMC(np.zeros(len(mean)), rng=np.random.default_rng(seed))
     # whole powers of two keep a Sobol sequence balanced
@@ -159,7 +159,7 @@ def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> 
 
 
 # -------- Optimal design
-# Which experiments tell most for their cost: information gain, greedy batches.
+# Experiments with the most information for their cost: information gain, greedy batches.
 
 D_OPTIMAL, A_OPTIMAL = "d", "a"
 
@@ -168,17 +168,16 @@ Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Experiments:
-    """What could be measured: each experiment is a set of values that are taken together, and paid together.
+    """Candidate experiments: each is a set of values measured together, at one cost.
 
     Attributes:
         whole: (C, T, P+S, P+S) information of each, at each point of `PriorInformation`, on the parameters and on the S
-            errors that those of its group have in common, each in its standard deviation, without what is known of
-            these.
+            common errors of its group, each in its standard deviation, without the priors of these errors.
         count: of the parameters.
-        group: (C,) experiments of one number have errors in common.
+        group: (C,) group number; experiments of one group have common errors.
         cost: (C,) in any one unit.
-        before: by group, the (T, P+S, P+S) information of what was measured there already, of which the parameters'
-            share is known: a further value is averaged with it.
+        before: by group, the (T, P+S, P+S) information of earlier measurements there; its part on the parameters is
+            already in the prior information: a further value is averaged with it.
     """
 
     whole: Float[np.ndarray, "C T Q Q"]
@@ -193,7 +192,7 @@ class Experiments:
 
     @cached_property
     def information(self) -> Float[np.ndarray, "C T P P"]:
-        """What each alone would add at each point."""
+        """Information that each alone would add at each point."""
         added = without_common(self.whole, self.count)
         for group, before in self.before.items():
             own = self.group == group
@@ -201,16 +200,16 @@ class Experiments:
         return added
 
     def added(self, before: Float[np.ndarray, "*#batch Q Q"], whole: np.ndarray) -> Float[np.ndarray, "*batch P P"]:
-        """Return what values add to the parameters' information after others of their group."""
+        """Return the information on the parameters that values add after others of their group."""
         return without_common(before + whole, self.count) - without_common(before, self.count)
 
     def taken(self, group: int, chosen: Sequence[int]) -> Float[np.ndarray, "T Q Q"]:
-        """Return the information of all values of a group: those measured already, and those chosen."""
+        """Return the information of all values of a group: those already measured, and those chosen."""
         own = [i for i in chosen if self.group[i] == group]
         return np.asarray(self.whole[own].sum(0) + self.before.get(group, 0.0))
 
     def after(self, chosen: Sequence[int]) -> Float[np.ndarray, "C T P P"]:
-        """Return what each would add after those chosen: less where it shares an error with some of them."""
+        """Return the information that each adds after those chosen: less if it shares an error with these."""
         added = self.information.copy()
         for group in {int(self.group[i]) for i in chosen}:
             own = self.group == group
@@ -218,7 +217,7 @@ class Experiments:
         return added
 
     def together(self, chosen: Sequence[int]) -> Float[np.ndarray, "T P P"]:
-        """Return what those chosen add together."""
+        """Return the information that those chosen add together."""
         added = np.zeros(self.information.shape[1:])
         for place, i in enumerate(chosen):
             added = added + self.after(chosen[:place])[i]
@@ -226,7 +225,7 @@ class Experiments:
 
 
 def without_common(whole: Float[np.ndarray, "*batch Q Q"], count: int) -> Float[np.ndarray, "*batch P P"]:
-    """Return the information on the first parameters, whatever the common errors after them are: normal, of sd 1."""
+    """Return the information on the first parameters; the common errors after them (normal, sd 1) integrated out."""
     known = np.diag(np.where(np.arange(whole.shape[-1]) < count, 0.0, 1.0))
     return marginal(whole + known, range(count))
 
@@ -236,10 +235,10 @@ class Step:
     """One experiment of a batch, after those before it.
 
     Attributes:
-        experiment: its place among the candidates.
-        cost: what it costs.
-        nats: () [nat] mean information gain, whatever the criterion.
-        gain: () what the criterion says.
+        experiment: its index among the candidates.
+        cost: of the experiment.
+        nats: () [nat] mean information gain, for any criterion.
+        gain: () by the criterion.
         sd: (T, sought) standard deviation of each sought theta after it, at each point.
     """
 
@@ -271,32 +270,32 @@ def information_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 def variance_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return by how much the mean variance shrinks between two inverse covariances."""
+    """Return the fall of the mean variance between two inverse covariances."""
     return (sds(before) ** 2 - sds(after) ** 2).mean(-1)
 
 
 def gains(
     known: PriorInformation, information: Float[np.ndarray, "T P P"], added: Float[np.ndarray, "C T P P"], gain: Gain
 ) -> Float[np.ndarray, "C"]:
-    """Return what each of several additions to an information would gain, averaged over the points."""
+    """Return the gain of each of several additions to an information, averaged over the points."""
     return gain(known.of_sought(information), known.of_sought(information + added)).mean(-1)
 
 
 def greedy(
     known: PriorInformation, experiments: Experiments, count: int, gain: Gain = information_gain, *, target: float = 0.0
 ) -> tuple[Step, ...]:
-    """Choose experiments one by one, each the one with most gain per cost after those before it; none is barred twice.
+    """Choose experiments one by one, each with the most gain per cost after those before it; repeats are allowed.
 
-    Errors that experiments have in common are no smaller in a repeat, so that the next one goes elsewhere.
+    A repeat does not reduce common errors, so that the next experiment goes elsewhere.
 
-    At equal costs the information gain of the batch is at least 1 - 1/e (63 %) of what the best one of its size has,
+    At equal costs the information gain of the batch is at least 1 - 1/e (63 %) of that of the best batch of its size,
     as ln det is submodular; in practice it is within a few percent.
 
     Args:
-        known: what is known now.
-        experiments: what could be measured.
-        count: experiments at most.
-        gain: what they are chosen for, see `criterion`.
+        known: present information.
+        experiments: candidates.
+        count: most experiments.
+        gain: criterion of the choice, see `criterion`.
         target: stop as soon as every standard deviation at the first point is below; 0 to take all.
 
     References:

@@ -1,4 +1,4 @@
-"""What draws of a posterior tell: summaries, predictions, and the weight of each optimum."""
+"""Summaries and predictions from draws of a posterior, and the weight of each optimum."""
 
 import math
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ from ident.inference.sample import Sample
 from ident.programs import jit
 
 # -------- Evidence
-# How much of the posterior's probability each separated optimum holds, by nested sampling.
+# Share of each separated optimum in the posterior's probability, by nested sampling.
 
 LIVE = 500
-"""Live points: enough that several land in each of a handful of basins."""
+"""Live points: enough for several in each of a few basins."""
 
 RESAMPLED = 50
-"""Resampled runs from which the shares' standard deviation comes."""
+"""Resampled runs for the shares' standard deviation."""
 LOWEST = -1e100
-"""Log likelihood where the model has no answer; dynesty takes no infinite one."""
+"""Log likelihood where the model has no solution; dynesty accepts no infinite one."""
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Share of the posterior's probability about each optimum.
+    """Share of each optimum in the posterior's probability.
 
     Attributes:
         share: (basins,) sums to one.
@@ -44,11 +44,11 @@ class Weights:
 
 
 def weigh(sample: Sample) -> Weights:
-    """Weigh the optima that were sampled against each other by dynesty's nested sampling from the prior.
+    """Weigh the sampled optima against each other by dynesty's nested sampling from the prior.
 
-    Each of its draws counts for the optimum whose ensembles are nearest, in their own covariance. Discrepancy factors
-    are integrated out. Ellipsoids about the live points are enlarged by dynesty's fixed factor: to find the factor by
-    resampling them costs most of an hour where four optima are narrow.
+    Each of its draws counts for the optimum with the nearest ensembles, in their own covariance. Discrepancy factors
+    are integrated out. Ellipsoids about the live points are enlarged by dynesty's fixed factor: estimating the factor
+    by resampling takes most of an hour for four narrow optima.
 
     Raises:
         InputError: a parameter has no prior, so that there is no evidence.
@@ -98,7 +98,7 @@ def check_weighable(posterior: Posterior) -> None:
     """Check that all unknowns have a prior.
 
     Raises:
-        InputError: names those that have none.
+        InputError: names the unknowns without one.
     """
     parameters = posterior.parameters
     if not parameters.proper.all():
@@ -111,7 +111,7 @@ _from_uniform = jit(Parameters.from_uniform)
 
 
 def _nearest(sample: Sample, kept: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Return for each draw of the unknowns that are kept the place of the basin that it is nearest to."""
+    """Return the index of the nearest basin for each draw of the kept unknowns."""
     distance = []
     for basin in sample.basins:
         known = sample.draws(basin)[:, kept]
@@ -121,17 +121,17 @@ def _nearest(sample: Sample, kept: np.ndarray, draws: np.ndarray) -> np.ndarray:
 
 
 # -------- Posterior predictive
-# What the posterior says of data: predictions, and data simulated with their noise.
+# Predictions by draws of the posterior, and data simulated with their noise.
 
 COUNT = 2000
-"""Draws, at most, for which data are predicted."""
+"""Most draws for which data are predicted."""
 
 
 class PosteriorPredictive(NamedTuple):
-    """Data as a sample of the posterior has them, all SI.
+    """Data predicted by draws of the posterior, all SI.
 
     Attributes:
-        theta: (n, P) the draws, picked at random from all chains.
+        theta: (n, P) draws picked at random from all chains.
         predicted: (n, D) predictions.
         simulated: (n, D) the same with noise.
     """
@@ -154,16 +154,16 @@ def posterior_predictive(sample: Sample, count: int = COUNT) -> PosteriorPredict
 
 
 # -------- Posterior summary
-# What the draws of a posterior say: quantiles, how much narrower than the prior they are, known combinations.
+# Summaries of a posterior's draws: quantiles, width relative to the prior, well-determined combinations.
 
 LEVELS = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Ends of the 95 and 50 % intervals, and the median between."""
 LEARNED = 0.5
-"""Share of the prior's width above which a posterior says little beyond the prior; assumed."""
+"""Ratio of posterior to prior width above which the data add little to the prior; assumed."""
 
 
 def draws(sample: Sample, basin: int = 0) -> Float[np.ndarray, "P n"]:
-    """Return the draws of all unknowns [SI] about one optimum, burn-in left out."""
+    """Return the draws of all unknowns [SI] about one optimum, without burn-in."""
     return np.asarray(sample.posterior.parameters.values(jnp.asarray(sample.draws(basin).T)))
 
 
@@ -188,8 +188,8 @@ def share_of_prior(sample: Sample, basin: int = 0) -> Float[np.ndarray, "P"]:
 def combinations(sample: Sample) -> tuple[Direction, ...]:
     """Return the combinations of the unknowns of interest, best known first, each with its spread over the draws.
 
-    They are the principal directions of the covariance in theta of the draws about the best optimum; one that is hardly
-    more than one parameter is that parameter (`ident.inference.information.alone`).
+    They are the principal directions of the covariance in theta of the draws about the best optimum; one dominated by
+    a single parameter becomes that parameter (`ident.inference.information.alone`).
     """
     parameters = sample.fit.problem.parameters
     own = np.flatnonzero(~parameters.nuisance)
@@ -204,5 +204,5 @@ def combinations(sample: Sample) -> tuple[Direction, ...]:
 
 
 def ratio_to_prior(parameters: Parameters, theta: Float[np.ndarray, "P *batch"]) -> Float[np.ndarray, "P *batch"]:
-    """Return values as multiples of the centres of their priors; of a length, exp of its distance in theta."""
+    """Return values as multiples of the centres of their priors; for a length, exp of its distance in theta."""
     return np.exp(theta - parameters.theta_centre.reshape((-1,) + (1,) * (theta.ndim - 1)))

@@ -1,4 +1,4 @@
-"""Fit parameters to a campaign: least squares from several starts, and how far the answer can be trusted."""
+"""Fit parameters to a campaign: least squares from several starts, and objections to the result."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -45,38 +45,38 @@ from ident.inference.search import (
 )
 
 # -------- Cross prediction
-# Do the kinds of data contradict each other? Each one against all others, with the prior among these.
+# Do the kinds of data contradict each other? Each kind is compared with the other kinds and the prior.
 
 FEW = 6
-"""Values of a kind up to which each is compared by itself; assumed."""
+"""Largest number of values of a kind for which each is also compared by itself; assumed."""
 STARTS = 2
-"""Starts drawn at random for each minimum, beside the optima that are known and the parameters' starting values."""
+"""Random starts for each minimum, in addition to the known optima and the parameters' starting values."""
 WIDE = 10.0
-"""How many times wider the priors are when a kind is fitted alone: it then says what it can, and no absurdity."""
+"""Factor on the priors' widths when a kind is fitted alone: wide enough for its data, but excluding absurd values."""
 WIDER = 2.0
-"""Factor on the priors' widths by which a contradiction is tried for its dependence on them."""
+"""Factor on the priors' widths, to test whether a contradiction depends on them."""
 SPREAD = 1.0
-"""Largest standard deviation in theta of those."""
+"""Largest standard deviation in theta of the random starts."""
 SAME = 1e-6
-"""Difference of costs, relative to one plus the cost, that is none."""
+"""Relative cost difference, over 1 + cost, treated as equal."""
 NOTHING = 1e-3
-"""Degrees of freedom below which a kind says nothing that the others could contradict; assumed."""
+"""Degrees of freedom below which a kind cannot contradict the others; assumed."""
 
 
 @dataclass(frozen=True)
 class CrossPrediction:
-    """What the other kinds of data, and the prior, say about one kind.
+    """Comparison of one kind of data with its prediction from the other kinds and the prior.
 
     Attributes:
         kind: the kind that was left out of the fit.
-        rows: (n,) places of its values in the campaign.
+        rows: (n,) indices of its values in the campaign.
         measured: (n,) [SI]
-        predicted: (n,) [SI] where all other kinds are fitted best.
-        z: (n,) [sd] by how much each value alone is off what the others allow; None where nothing contradicts, or where
-            there are more than `FEW`.
-        statistic: by how much more the minimum of all is than those of the others and of this kind by itself.
+        predicted: (n,) [SI] at the optimum of all other kinds.
+        z: (n,) [sd] standardised residual of each value alone; None without a contradiction, or for more than `FEW`
+            values.
+        statistic: minimum over all data, less the minima of the others and of this kind by itself.
         scale, degrees_of_freedom: statistic / scale has a chi-squared distribution if all is right.
-        wider: the same p-value with priors twice as wide; NaN where nothing contradicts.
+        wider: the same p-value with priors twice as wide; NaN without a contradiction.
     """
 
     kind: str
@@ -92,7 +92,7 @@ class CrossPrediction:
     @property
     def p_value(self) -> float:
         """Chance of a larger statistic if model, sigmas and priors are right."""
-        from scipy.special import chdtrc  # takes a tenth of a second, which fits to one kind of data can spare
+        from scipy.special import chdtrc  # takes 0.1 s to import, and fits to one kind of data do not need it
 
         return float(chdtrc(self.degrees_of_freedom, self.statistic / self.scale))
 
@@ -109,7 +109,7 @@ def contradicting(predictions: Sequence[CrossPrediction]) -> tuple[CrossPredicti
 
 
 def contradiction_in_words(predictions: Sequence[CrossPrediction]) -> str:
-    """Say which kinds contradict each other, and how improbable that is."""
+    """Write which kinds contradict each other, with the p-value."""
     wrong, pair = contradicting(predictions), len(predictions) == 2
     kinds = " and ".join(cross.kind.replace("_", " ") for cross in (predictions if pair else wrong))
     largest = max((cross.sd for cross in wrong), default=0.0)
@@ -121,25 +121,25 @@ def cross_predictions(
 ) -> tuple[tuple[CrossPrediction, ...], Float[np.ndarray, "P"]]:
     """Test each kind of measurement against the others, and the prior among these.
 
-    With M the minimum of chi-squared and prior, and of k alone with priors so wide (`WIDE`) that they hardly count,
+    With M the minimum of chi-squared and prior (for k alone, the priors are so wide, `WIDE`, that they hardly count),
 
         T = M(all) - M(all but k) - M(k alone).
 
-    That is the parameter goodness of fit (Maltoni, Schwetz, "Testing the statistical compatibility of independent data
-    sets", Phys. Rev. D 68, 033020, 2003, eq. 9), here with the prior among the others. Where all is linear and truths
-    come from the prior, T is a quadratic form of normal numbers, whose mean and variance give a scaled chi-squared
-    (Satterthwaite 1946). With no prior at all that is chi-squared on rank(k) + rank(others) - rank(all) degrees of
-    freedom. A flat prior counts as the normal one of the same mean and variance: T keeps its mean, and its tail is
+    This is the parameter goodness of fit (Maltoni, Schwetz, "Testing the statistical compatibility of independent data
+    sets", Phys. Rev. D 68, 033020, 2003, eq. 9), here with the prior among the others. For a linear model with truths
+    drawn from the prior, T is a quadratic form of normal numbers; its mean and variance give a scaled chi-squared
+    (Satterthwaite 1946). Without any prior that is chi-squared on rank(k) + rank(others) - rank(all) degrees of
+    freedom. A flat prior counts as the normal one of the same mean and variance: T keeps its mean, but its tail is
     shorter, so that there are rather too few alarms.
 
     Args:
         problem: model, data and unknowns.
-        known: where to begin: the fit's optima, the best one first.
+        known: starts: the fit's optima, the best one first.
         seed: of the further starts.
 
     Returns:
-        One comparison for each kind that the others tell something of, none where there is one kind only; and where
-        the cost of all data is least: `known[0]`, or a better optimum that was met on the way.
+        One comparison for each kind that the others predict, none if there is only one kind; and theta of the least
+        cost of all data: `known[0]`, or a better optimum met on the way.
     """
     kinds = sorted({k for k, s in zip(problem.kinds, np.asarray(problem.sigma), strict=True) if np.isfinite(s)})
     if len(kinds) < 2:
@@ -179,7 +179,7 @@ def quadratic_form(
     Args:
         jacobian: d(predicted / sigma)/d(theta).
         widths: the priors' standard deviations, infinite for none.
-        own: which values are of the kind.
+        own: which values belong to the kind.
     """
     priors = np.diag(1 / widths)[np.isfinite(widths)]
     both, prior = np.vstack([jacobian, priors]), np.ones(len(priors), bool)
@@ -188,7 +188,7 @@ def quadratic_form(
         narrow = np.append(np.ones(len(jacobian)), np.full(len(priors), 1 / width))[:, None]
         explained.append((1.0, narrow * reached(both * narrow * taking[:, None])))
         diagonal = diagonal - width**-2
-    # Q = B S B' + D, of which only 3 P columns and the diagonal of the priors are more than zero
+    # Q = B S B' + D; only 3 P columns and the diagonal of the priors are nonzero
     B, S = np.hstack([U for _, U in explained]), np.concatenate([np.full(U.shape[1], sign) for sign, U in explained])
     own_sizes = ((B[len(jacobian) :] ** 2) * S).sum(1)
     SG = S[:, None] * (B.T @ B)
@@ -198,11 +198,11 @@ def quadratic_form(
 
 
 def agrees(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> bool:
-    """Tell whether no value and no kind contradicts an optimum, as the verdict on a fit asks; kinds by linearisation.
+    """Whether no value and no kind contradicts an optimum, by the rules for a fit's verdict; kinds by linearisation.
 
     Args:
-        problem: whose finite sigmas count.
-        residuals: of the data, made independent, then of the priors.
+        problem: its finite sigmas count.
+        residuals: whitened residuals of the data, then those of the priors.
         slope: their Jacobian by theta.
     """
     from scipy.special import chdtrc
@@ -225,9 +225,9 @@ def agrees(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Fl
 
 
 class _Minima(NamedTuple):
-    """Least costs for priors of these widths: of all data, by kind of the others and of its own.
+    """Least costs for priors of these widths: of all data, and by kind of the other kinds and of the kind alone.
 
-    And whether the first is better than known.
+    Also whether the first is better than the known optimum.
     """
 
     problem: InverseProblem
@@ -247,9 +247,9 @@ class _Minima(NamedTuple):
         return CrossPrediction(kind, tuple(rows.tolist()), measured[rows], predicted, None, statistic, scale, freedom)
 
     def by_value(self, cross: CrossPrediction) -> CrossPrediction:
-        """Say by how much each value of a small kind is off: the signed root of what it adds to the others' minimum.
+        """Add z of each value of a small kind: the signed root of its rise of the others' minimum.
 
-        In the linear approximation that is (measured - predicted) / sd of this difference; it follows the model.
+        In the linear approximation this is (measured - predicted) / sd of the difference; here the model is nonlinear.
         """
         if len(cross.rows) > FEW:
             return cross
@@ -264,7 +264,7 @@ class _Minima(NamedTuple):
 def _search(
     problem: InverseProblem, widths: Float[np.ndarray, "P"], kinds: Sequence[str], starts: Sequence[np.ndarray]
 ) -> _Minima | None:
-    """Search all minima for priors of these widths; the first start is the best that is known for all data."""
+    """Search all minima for priors of these widths; the first start is the best known optimum of all data."""
     place = np.array(problem.kinds)
     normal, wide = _with_widths(problem, widths), _with_widths(problem, WIDE * widths)
     first = _ended(normal, starts[0]) or jax.device_get(solve(normal, starts[0]))
@@ -279,7 +279,7 @@ def _search(
     again = _minimum(normal, [others.theta for others, _ in parts.values()])
     every = again if again and again.choice.settled and again.cost < first.cost else first
     better = bool(every.cost < first.cost - SAME * (1 + first.cost))
-    if better:  # what is less for all data leads to no more for a part of them
+    if better:  # start the parts there too: their minima cannot be higher
         for kind, (others, own) in parts.items():
             near = [_minimum(part, [], every) for part in problems[kind]]
             parts[kind] = _less(others, near[0]), _less(own, near[1])
@@ -287,21 +287,21 @@ def _search(
 
 
 def _ended(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> End | None:
-    """Return a point as the end of a search, without one; None where it is no optimum."""
+    """Return a point in the form of a search's end, without a search; None if it is no optimum."""
     end = jax.device_get(evaluate(problem, theta))
     residuals, slope = weighed(problem, end)
     return end._replace(cost=residuals @ residuals) if step_length(residuals, slope) < OPTIMUM_STEP else None
 
 
 def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], near: End | None = None) -> End | None:
-    """Return the best of several searches; None where the model has no answer at any start.
+    """Return the best of several searches; None where the model has no solution at any start.
 
     Args:
-        problem: that in which some of the values are fitted.
-        starts: theta to begin at. What does not settle on what the values belong to is taken where there is nothing
-            else only: it is no minimum.
-        near: where more of the values are fitted. From there on the search holds the choice, so that its cost is no
-            more than theirs there.
+        problem: the problem with only some of the values fitted.
+        starts: theta to begin at. An end whose mode assignment is not settled is no minimum, and is only the last
+            resort.
+        near: optimum with more of the values fitted. From there the search holds the assignment, so that its cost does
+            not exceed the cost there.
     """
     search = Searcher(problem, choosing)
     ends = [jax.device_get(end) for end in map(search, starts) if np.isfinite(end.cost)]
@@ -315,7 +315,7 @@ def _less(known: End, other: End | None) -> End:
 
 
 def _fitted(problem: InverseProblem, rows: Bool[np.ndarray, "D"]) -> InverseProblem:
-    """Return the problem in which only these values are fitted: the same program, whatever the rows."""
+    """Return the problem with only these values fitted: one program serves any rows."""
     return problem.with_sigma(np.where(rows, np.asarray(problem.sigma), np.inf))
 
 
@@ -331,33 +331,33 @@ def _with_widths(problem: InverseProblem, widths: Float[np.ndarray, "P"]) -> Inv
 # -------- Fit
 
 FIT_STARTS = 16
-"""Starts tried at least, the given one among them."""
+"""Least number of starts, the given one included."""
 PATIENCE = 6
-"""Starts tried at most, as a multiple of that, until the best optimum has been reached `AGAIN` times; assumed."""
+"""Largest number of starts, as a multiple of the least, until `AGAIN` starts reach the best optimum; assumed."""
 AGAIN = 3
 UNMET = 0.5
-"""Expected number of rivals that were not met, below which the search may end where it has met one; assumed."""
+"""Expected number of unseen competing optima below which a search that has met one may end; assumed."""
 FIT_SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The best optimum, the others, and what the data tell there.
+    """The best optimum, the others, and the information of the data there.
 
     Attributes:
-        problem: what was fitted.
+        problem: the fitted problem.
         optima: distinct optima by ascending cost; the first one is the answer.
-        failed: number of starts that reached none: no equilibrium, or a search that did not end.
+        failed: number of starts without an optimum: no equilibrium, or no convergence.
         predicted: (D,) [SI] at the answer.
         jacobian: (D, P) d(predicted)/d(theta) there.
-        information: what data and prior tell there.
-        choice: what the model takes the values for there.
+        information: of data and prior there.
+        choice: the model's assignment of values to modes there.
         cross_predictions: each kind of measurement against the others.
-        stretch: (P, 2) factor of the halves of each interval, below and above; 1 where the linear one serves.
-        beaten: (P,) theta where the cost is less than the answer's, and a search found no better optimum all the same.
-        combinations: of parameters that the data fix, with the widths of their profiles, where these were looked for;
-            see `ident.inference.optima.fixed_combinations`.
+        stretch: (P, 2) scale of the halves of each interval, below and above; 1 where the linear interval suffices.
+        beaten: (P,) theta with a lower cost than the answer's, from which no search reached a better optimum.
+        combinations: parameter combinations that the data determine, with the widths of their profiles if computed; see
+            `ident.inference.optima.fixed_combinations`.
     """
 
     problem: InverseProblem
@@ -385,7 +385,7 @@ class Fit:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The fitted numbers [SI] by path, ties spelled out."""
+        """Fitted values [SI] by path, ties spelled out."""
         return {k: float(v) for k, v in self.problem.parameters.by_path(self.best.values).items()}
 
     @property
@@ -395,7 +395,7 @@ class Fit:
 
     @property
     def chi_squared(self) -> float:
-        """Sum of the squared residuals of the data, independent ones where errors are correlated, and of nuisances."""
+        """Sum of squared residuals of the data, whitened if errors are correlated, and of the nuisances' priors."""
         off = np.asarray(self.predicted) - np.asarray(self.problem.measured)
         parameters = self.problem.parameters
         known = np.asarray(parameters.prior_residuals(self.best.theta)[0])[parameters.nuisance]
@@ -403,29 +403,29 @@ class Fit:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of fitted values less the number of directions that they see, or are spent on."""
+        """Number of fitted values less the number of directions that they determine, or that nuisances take."""
         return int(np.isfinite(self.problem.sigma).sum()) - self.information.rank - self.information.spent
 
     @property
     def p_value(self) -> float:
-        """Chance of a larger chi-squared if model and sigmas are right; NaN without degrees of freedom."""
+        """Probability of a larger chi-squared if model and sigmas are right; NaN without degrees of freedom."""
         if not self.degrees_of_freedom > 0:
             return np.nan
-        from scipy.special import chdtrc  # takes a tenth of a second, which fits without degrees of freedom can spare
+        from scipy.special import chdtrc  # takes 0.1 s to import, and fits without degrees of freedom do not need it
 
         return float(chdtrc(self.degrees_of_freedom, self.chi_squared))
 
     @property
     def improbable(self) -> bool:
-        """Whether so large a chi-squared is improbable if model and sigmas are right."""
+        """Whether chi-squared is improbably large if model and sigmas are right."""
         return self.p_value < IMPROBABLE
 
     @property
     def misfits(self) -> bool:
-        """Whether chi-squared, or where it says nothing a single value, lies too far from the model to be believed.
+        """Whether chi-squared, or without degrees of freedom a single residual over sigma, rejects the model.
 
-        By sigma: without degrees of freedom a standardised residual sets a value against the priors alone, and no other
-        optimum would mend that.
+        The residual is relative to sigma: without degrees of freedom a standardised residual compares a value with the
+        priors alone, and no other optimum would improve that.
         """
         if not np.isnan(self.p_value):
             return self.improbable
@@ -439,27 +439,27 @@ class Fit:
 
     @cached_property
     def row_tests(self) -> RowTests:
-        """Of each measurement, whether its error is larger than its sigma allows."""
+        """Outlier tests of each measurement: whether its error is larger than its sigma allows."""
         return row_tests(self.problem, *weighed(self.problem, self.end))
 
     @property
     def blamed(self) -> tuple[tuple[int, ...], ...]:
-        """The measurements, or vectors, any one of which may be wrong: without it no other lies too far off."""
+        """The measurements, or vectors, any one of which may be wrong: without it there is no other outlier."""
         return blamed(self.problem, *weighed(self.problem, self.end))
 
     @property
     def outliers(self) -> Bool[np.ndarray, "D"]:
-        """Which measurements lie too far from the fit for so many."""
+        """Which measurements are outliers, corrected for their number."""
         return self.row_tests.outliers
 
     @property
     def short(self) -> bool:
-        """Whether the best that the starts have reached is no optimum."""
+        """Whether the best end of the starts has not converged to an optimum."""
         return not self.best.converged
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why no interval should be quoted from this fit; empty when there is no objection."""
+        """Objections to this fit: with any of them, no interval is reported."""
         count, limit = self.outliers.sum(), self.row_tests.limit
         fitted = int(np.isfinite(np.asarray(self.problem.sigma)).sum())
         reasons = {
@@ -475,7 +475,7 @@ class Fit:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is odd about this fit, though it forbids no interval."""
+        """Remarks on this fit that do not suppress intervals."""
         chi_squared, freedom = self.without_rounding
         if not freedom > 0:
             return ()
@@ -489,20 +489,20 @@ class Fit:
 
     @property
     def without_rounding(self) -> tuple[float, int]:
-        """Chi-squared and degrees of freedom without what is small for another reason than sigmas: here nothing."""
+        """Chi-squared and degrees of freedom without values whose scatter a display's rounding hides; here of all."""
         return self.chi_squared, self.degrees_of_freedom
 
     @property
     def supported(self) -> Bool[np.ndarray, "P"]:
-        """Which parameters an interval may be quoted for: none where the fit itself is in doubt.
+        """Which parameters get a reported interval: none if there are objections to the fit.
 
-        That of a nuisance rests on its prior, as it is meant to.
+        The interval of a nuisance rests on its prior, as intended.
         """
         return (self.information.supported | self.problem.parameters.nuisance) & (not self.doubts)
 
     @property
     def rivals(self) -> tuple[Optimum, ...]:
-        """Further optima that the data do not rule out: of a cost within the 95 % limit of the best one's."""
+        """Competing optima: those whose cost is within the 95 % limit of the best one's."""
         return rivals(self.optima)
 
     @property
@@ -513,10 +513,9 @@ class Fit:
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
         """Return intervals of the parameters [SI] by data and prior.
 
-        They are normal in theta; where the cost bends too much for that, those whose parameters the data support reach
-        to where the profile of the cost meets the 95 % limit, and those of another level in proportion. An interval
-        reaches over all optima that the data do not rule out: about each, as far as the cost rises to the same height
-        above the best one's.
+        They are normal in theta. Where the cost is not quadratic enough, those of supported parameters end where the
+        profile of the cost meets the 95 % limit, and those of another level in proportion. An interval covers all
+        competing optima: about each, until the cost has risen to the same level above the best one's.
         """
         height = half_width(level) ** 2
         stretch = np.ones((len(self.best.theta), 2)) if self.stretch is None else self.stretch
@@ -539,22 +538,21 @@ def fit(
 ) -> Fit:
     """Fit the parameters by Levenberg-Marquardt from several starts.
 
-    After `starts` of them the search goes on, up to `PATIENCE` times as many, until `AGAIN` starts have ended in the
-    best optimum: an optimum that was met once only may not be the best one. Nor may one that data do not fit, so that
-    the search goes on there as well, before data are blamed. And where it has met rivals, until
-    fewer than `UNMET` further ones are expected. Where the cost falls below the best one's on the way to the end of an
-    interval, a search begins there.
+    After `starts` starts the search continues, up to `PATIENCE` times as many, until `AGAIN` starts have reached the
+    best optimum: an optimum that was met only once may not be the best one. It also continues if the best optimum does
+    not fit the data, before the data are blamed; and with competing optima, until fewer than `UNMET` further ones are
+    expected. If the cost falls below the best one's on the way to the end of an interval, another search begins there.
 
     Args:
         problem: model, data and unknowns.
-        starts: number of starts at least: the parameters' own, the others normal about it; 1 for that one alone.
-        spread: their standard deviation in theta.
+        starts: least number of starts: the parameters' own, the others normal about it; 1 for the first alone.
+        spread: standard deviation of the starts in theta.
         seed: of the starts.
         progress: wraps the numbers of the starts, to show a bar.
 
     Raises:
         ConvergenceError: no start reaches an optimum.
-        ModelError: none does, and the model has no answer at the first one.
+        ModelError: none does, and the model has no solution at the first one.
     """
     first = problem.parameters.theta_start
     noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
@@ -583,7 +581,7 @@ def fit(
 
 
 def _explained(problem: InverseProblem, reached: list[Ended], lost: int, seed: int) -> Fit:
-    """Return the fit of the best end, with how far it can be trusted; a better end that is met thereby is added."""
+    """Return the fit of the best end with its checks; a better end met by the checks is added."""
     optima = distinct(problem, reached)
     agreement, least = cross_predictions(problem, [optimum.theta for optimum in optima], seed=seed)
     if least is not optima[0].theta:
@@ -595,20 +593,20 @@ def _explained(problem: InverseProblem, reached: list[Ended], lost: int, seed: i
 
 
 def with_stretch(fit: Fit) -> Fit:
-    """Return a fit whose intervals end where the cost has risen enough, whatever other objections there are."""
+    """Return the fit with its interval scales computed, whatever other objections there are."""
     fit = replace(fit, stretch=None, beaten=None)
     stretch, beaten = stretches(fit.problem, fit.best, fit.end, fit.supported)
     return replace(fit, stretch=stretch, beaten=beaten)
 
 
 def _answer(problem: InverseProblem, reached: list[Ended], optima: tuple[Optimum, ...]) -> Fit:
-    """Return the fit of the best end, before it is asked how far it can be trusted."""
+    """Return the fit of the best end, before its checks."""
     best, _ = in_order(problem, reached)[0]
     return Fit(problem, optima, 0, best.predicted, best.jacobian, information_at(problem, best), best.choice)
 
 
 def information_at(problem: InverseProblem, end: End) -> Information:
-    """Return what data and prior tell of the parameters where a search ended."""
+    """Return the information of data and prior at the end of a search."""
     scaled, parameters = problem.scaled(np.asarray(end.jacobian)), problem.parameters
     return information(scaled, normal_prior_sd(problem), parameters.names, parameters.nuisance)
 

@@ -1,4 +1,4 @@
-"""What data can tell, before any solving: a verdict for each parameter of any model."""
+"""Identifiability before any fit: a verdict for each parameter of any model."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -25,26 +25,26 @@ from ident.inference.problem import InverseProblem
 from ident.inference.search import End, Searcher, convergence, evaluate, without_priors
 
 # -------- Leverage
-# Which measurements matter: what each one tells, and what would be lost without it.
+# Influence of each measurement: its information, and the loss without it.
 
 EMPTY = 0.02
-"""Share of an average measurement's information below which one counts as carrying none; assumed."""
+"""Share of the average information per measurement below which one counts as uninformative; assumed."""
 ALONE = 0.9
-"""Leverage above which one measurement dominates: nine tenths of what is known of some direction come from it."""
+"""Leverage above which one measurement dominates: it has nine tenths of the information on some direction."""
 REPLACEABLE = 0.5
-"""Leverage below which nothing much is lost: no standard deviation grows by more than 1.4 without it."""
+"""Leverage below which little is lost: no standard deviation grows by more than a factor 1.4 without it."""
 
 
 @dataclass(frozen=True)
 class Leverage:
-    """The part that each measurement has in what the data tell.
+    """Share of each measurement in the information of the data.
 
     Attributes:
-        leverage: (D,) share of the measurement in what is known of the direction that it tells most of; the diagonal
-            of J (J'J)^-1 J', J = d(predicted / sigma)/d(theta). They sum to the rank.
-        sees: (D,) place of the parameter that moves it most, in sigmas; -1 if none does.
-        opened: (D,) number of directions that nothing would be known of without it.
-        lost: (D,) parameters that would no longer be identifiable without it.
+        leverage: (D,) share of the measurement in the information on the direction that it determines best; the
+            diagonal of J (J'J)^-1 J', J = d(predicted / sigma)/d(theta). They sum to the rank.
+        sees: (D,) index of the parameter that moves it most, in sigmas; -1 if none does.
+        opened: (D,) number of directions that the data would not determine without it.
+        lost: (D,) parameters that would not be identifiable without it.
     """
 
     leverage: Float[np.ndarray, "D"]
@@ -59,12 +59,12 @@ class Leverage:
 
     @property
     def empty(self) -> Bool[np.ndarray, "D"]:
-        """Which carry no information."""
+        """Which measurements carry no information."""
         return self.share < EMPTY / len(self.leverage)
 
     @property
     def dominant(self) -> Bool[np.ndarray, "D"]:
-        """Which dominate: something is known by them alone, or hardly by anything else."""
+        """Which measurements dominate: they alone, or almost alone, determine some direction."""
         needed = [bool(opened or lost) for opened, lost in zip(self.opened, self.lost, strict=True)]
         return np.array(needed, bool) | (self.leverage > ALONE)
 
@@ -72,10 +72,10 @@ class Leverage:
 def leverage_of(
     jacobian: Float[np.ndarray, "D P"], names: tuple[str, ...], groups: Int[np.ndarray, "D"] | None = None
 ) -> Leverage:
-    """Drop each measurement in turn and see what is lost, by the Jacobian alone; a group of them is dropped whole.
+    """Return the loss by dropping each measurement in turn, from the Jacobian alone; groups are dropped whole.
 
     Args:
-        jacobian: d(predicted / sigma)/d(theta), made independent, zero for values that are not fitted.
+        jacobian: d(predicted / sigma)/d(theta), whitened, zero for values that are not fitted.
         names: of the parameters.
         groups: number of the group of values whose errors are correlated, -1 for none; its leverage is shared evenly.
 
@@ -100,25 +100,25 @@ def leverage_of(
 
 
 # -------- Other solutions
-# Whether other values give the very same data: a search, before any measured value counts.
+# Whether other parameter values give the same data: a search without any measured value.
 
 STARTS = 16
-"""Starts at least."""
+"""Least number of starts."""
 MOST = 96
-"""Starts at most, where other solutions are met, and more of them are expected."""
+"""Largest number of starts, if other solutions are met and more are expected."""
 SPREAD = 1.0
-"""Their standard deviation in theta, where the prior is not narrower: a factor of e for a stiffness."""
+"""Standard deviation of the starts in theta, unless the prior is narrower: a factor of e for a stiffness."""
 
 
 @dataclass(frozen=True)
 class OtherSolutions:
-    """What fits data as predicted at the starting values, beside these.
+    """Other solutions for the data predicted at the starting values.
 
     Attributes:
-        starts: number of starts that were tried.
-        ended: number of them that ended in an optimum of any cost.
-        exact: optima that give the same data, but for rounding.
-        near: others that data of the given sigmas would hardly rule out: chi-squared within the 95 % limit.
+        starts: number of starts.
+        ended: number of starts that reached an optimum of any cost.
+        exact: optima with the same data up to rounding.
+        near: optima that data with these sigmas would hardly exclude: chi-squared within the 95 % limit.
     """
 
     starts: int
@@ -130,9 +130,9 @@ class OtherSolutions:
 def other_solutions(problem: InverseProblem, here: End, *, seed: int = 0) -> OtherSolutions:
     """Look for other values that give the same data as the starting values.
 
-    A full rank of the Jacobian says that no others are near. Far away there may be some, by symmetry or else
-    (local and global identifiability: Walter, Pronzato, "Identification of Parametric Models from Experimental Data",
-    1997, ch. 2). Priors count nothing. What is found is a proof; that nothing is found is none.
+    A full rank of the Jacobian excludes others nearby. Far away there may be some, by symmetry or otherwise (local and
+    global identifiability: Walter, Pronzato, "Identification of Parametric Models from Experimental Data", 1997, ch.
+    2). Priors are ignored. The search is not exhaustive: finding none does not prove uniqueness.
 
     Args:
         problem: model, sigmas and unknowns.
@@ -161,7 +161,7 @@ def other_solutions(problem: InverseProblem, here: End, *, seed: int = 0) -> Oth
 
 
 def _same(problem: InverseProblem, optimum: Optimum, here: End) -> bool:
-    """Tell whether an optimum is the one at the starting values, by the distance in theta and in what is predicted."""
+    """Whether an optimum is the one at the starting values, by the distance in theta and in the predictions."""
     step = optimum.theta - np.asarray(here.theta)
     moved = problem.scaled(np.asarray(here.jacobian) @ step)
     return bool(is_tie(0.0, optimum.cost) and min(np.linalg.norm(moved), np.abs(step).max()) < SAME)
@@ -171,27 +171,27 @@ def _same(problem: InverseProblem, optimum: Optimum, here: End) -> bool:
 
 Verdict = Literal["identifiable", "weak", "open", "not seen", "unknown"]
 POINTS = 8
-"""Points tried beside the starting values."""
+"""Points in addition to the starting values."""
 POINTS_SPREAD = 0.4
-"""Their standard deviation in theta, where the prior is not narrower: a factor of 1.5 for a stiffness."""
+"""Standard deviation of the points in theta, unless the prior is narrower: a factor of 1.5 for a stiffness."""
 INVISIBLE = 1e-6
 """Columns of the Jacobian below this share of the largest one are rounding."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What the data can tell about the parameters, if the truth is near the starting values.
+    """Identifiability of the parameters, if the truth is near the starting values.
 
     Attributes:
-        problem: what was checked.
+        problem: the checked problem.
         verdicts: (Q,) of the unknowns of interest, see `check`.
-        information: what the data alone tell at the starting values; None where the model has no answer there.
-        leverage: the part of each measurement in it; None likewise.
-        missing: (D,) which values the model has no answer for, or no derivative of, at the starting values.
+        information: of the data alone at the starting values; None where the model has no solution there.
+        leverage: share of each measurement in it; None likewise.
+        missing: (D,) values without a prediction or derivative at the starting values.
         data_sd: (points, Q) standard deviation in theta by the data alone, the starting values first.
         supported: (points, Q) whether each parameter is identifiable there.
-        tried: number of points tried, the starting values among them; those without an answer are not in `data_sd`.
-        others: other values that give the same data; None where some direction is open, so that there are always some.
+        tried: number of points, starting values included; points without a solution are not in `data_sd`.
+        others: other solutions for the same data; None where some direction is open, so that they always exist.
     """
 
     problem: InverseProblem
@@ -211,35 +211,35 @@ class Check:
 
     @property
     def answered(self) -> int:
-        """Number of points at which the model has an answer."""
+        """Number of points at which the model has a solution."""
         return len(self.data_sd)
 
     @property
     def blind(self) -> bool:
-        """Whether no parameter is seen at all."""
+        """Whether the data depend on no parameter at all."""
         return all(verdict == "not seen" for verdict in self.verdicts)
 
 
 def check(problem: InverseProblem, *, points: int = POINTS, seed: int = 0) -> Check:
-    """Tell from predictions and their Jacobian what the data determine; nothing is fitted, no measured value used.
+    """Return which parameters the data determine, from predictions and Jacobian: without a fit or measured values.
 
-    The Jacobian at one point may mislead: a derivative may vanish there by symmetry, or two modes trade places nearby.
-    So it is evaluated at several, and the verdict holds for all of them, as the truth may be any:
+    The Jacobian at one point may mislead: a derivative may vanish there by symmetry, or two modes may cross nearby.
+    So it is evaluated at several points, and the verdict holds for all of them, as any may be the truth:
 
     - `identifiable`: at every point the data alone give theta a standard deviation below `information.WEAK_ABOVE`;
     - `not seen`: at no point does any value depend on it;
-    - `unknown`: the model has no answer at the starting values, or at most of the points;
-    - `open`: at no point do the data alone bound it, or only beyond `information.OPEN_ABOVE`, as in a fit: they see it
-      together with others, or next to nothing of it;
-    - `weak`: else. The data see it too little, or not at every point.
+    - `unknown`: the model has no solution at the starting values, or at most of the points;
+    - `open`: at no point do the data alone bound it, or only beyond `information.OPEN_ABOVE`, as in a fit: they depend
+      on it only in combination with others, or hardly at all;
+    - `weak`: otherwise. The data depend on it too little, or not at every point.
 
-    What is not exactly known beside them scatters the data, and so makes them tell less.
+    Nuisances add to the scatter of the data, and so reduce their information.
 
-    That is local: whether values far away give the same data is looked for, from several starts, in `others`.
+    These verdicts are local; `others` is a search from several starts for distant values with the same data.
 
     Args:
-        problem: model, data and unknowns; priors only narrow the points down.
-        points: number of points beside the starting values.
+        problem: model, data and unknowns; priors only narrow the spread of the points.
+        points: number of points in addition to the starting values.
         seed: of the points.
     """
     parameters = problem.parameters
@@ -278,7 +278,7 @@ def check(problem: InverseProblem, *, points: int = POINTS, seed: int = 0) -> Ch
 
 
 def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
-    """Return d(predicted / sigma)/d(theta) of the unknowns of interest, and which fitted values have no answer."""
+    """Return d(predicted / sigma)/d(theta) of the unknowns of interest, and which fitted values have no solution."""
     sigma = np.asarray(problem.sigma)
     J, fitted = np.asarray(end.jacobian), np.isfinite(sigma)
     missing = fitted & ~(np.isfinite(np.asarray(end.predicted)) & np.isfinite(J).all(1))
@@ -289,22 +289,22 @@ def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.
 
 
 # -------- Consistency
-# Do the data agree among themselves? A linear answer, before any solving.
+# Do the data agree with each other? A linear test, before any fit.
 
 COARSE = 0.3
-"""Relative sigma above which a value may well change its sign, so that its logarithm means nothing; assumed."""
+"""Relative sigma above which a value's sign is uncertain, so that its logarithm is meaningless; assumed."""
 STRAIGHT = 1.0
-"""Largest error of the straight line, in sigma, at which a chi-squared over all values is worth its name; assumed."""
+"""Largest error of the linear model, in sigma, at which chi-squared over all values is valid; assumed."""
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """What the linearised model says of the data among themselves.
+    """Consistency of the data with each other, by the linearised model.
 
     Attributes:
         chi_squared: least sum of squares that any parameters reach, data and prior.
-        degrees_of_freedom: number of values and priors less the number of directions they see together.
-        bend: largest error of the straight line in sigma, where all data together lead; NaN where the model ends.
+        degrees_of_freedom: number of values and priors less the number of directions that they determine together.
+        bend: largest error of the linear model in sigma at its optimum for all data; NaN where the model ends.
     """
 
     chi_squared: float
@@ -313,21 +313,21 @@ class Consistency:
 
     @property
     def p_value(self) -> float:
-        """Chance of a larger chi-squared if all is right; NaN without degrees of freedom or a straight line."""
+        """Probability of a larger chi-squared if all is right; NaN without degrees of freedom or a linear model."""
         meaningful = self.degrees_of_freedom > 0 and self.bend < STRAIGHT
         return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if meaningful else np.nan
 
 
 def consistency(problem: InverseProblem) -> Consistency | None:
-    """Test the data among themselves with the model linearised at the parameters' starting values.
+    """Test the consistency of the data with the model linearised at the parameters' starting values.
 
     Values that depend on positive parameters only are linearised as powers of them, ln(value) in ln(parameter), as
-    frequencies and deflections nearly are; other values, and those whose sign is not sure, as they stand. One step
-    leads to the parameters that the data ask for. There the model is evaluated once, and every sigma is widened by
-    what the straight line was off, so that a bad start makes the test weaker, not wrong. There is no second step.
+    frequencies and deflections nearly are; other values, and those of uncertain sign, are linearised directly. One step
+    leads to the optimum of the linear model. There the model is evaluated once, and every sigma is widened by the error
+    of linearisation, so that a bad start makes the test weaker, not wrong. There is no second step.
 
     Returns:
-        None where the model has no answer at the start.
+        None where the model has no solution at the start.
     """
     line = _line(problem)
     if not all(np.isfinite(part).all() for part in (line.value, line.slope)):
@@ -342,7 +342,7 @@ def consistency(problem: InverseProblem) -> Consistency | None:
 
 
 class _Line(NamedTuple):
-    """The model as a straight line about the start, each value in a scale of its own: moved = slope @ step."""
+    """The model linearised at the start, with a scale for each value: moved = slope @ step."""
 
     start: Float[np.ndarray, "P"]
     value: Float[np.ndarray, "D"]
@@ -354,7 +354,7 @@ class _Line(NamedTuple):
     widths: Float[np.ndarray, "P"]
 
     def moved(self, values: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
-        """Return how far values lie from the start."""
+        """Return the distance of values from the start."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(self.power, np.log(values / self.value), values - self.value)
 
@@ -377,9 +377,9 @@ def _line(problem: InverseProblem) -> _Line:
 def _answer(
     line: _Line, spread: Float[np.ndarray, "D"], problem: InverseProblem
 ) -> tuple[Float[np.ndarray, "P"], float, int]:
-    """Return the step that the data ask for, chi-squared after it, and the degrees of freedom.
+    """Return the step to the linear model's optimum, chi-squared after it, and the degrees of freedom.
 
-    Errors are correlated as the problem's are, whatever they have been widened by.
+    Errors keep the problem's correlation, whatever their widening.
     """
     weight, prior_slope = 1 / spread, 1 / line.widths
     residual = (line.start - line.centre) * prior_slope

@@ -1,4 +1,4 @@
-"""What data can tell about parameters, from the Jacobian at one point: directions, ranks, standard deviations."""
+"""Information of data on parameters, from the Jacobian at one point: directions, ranks, standard deviations."""
 
 import math
 from collections.abc import Sequence
@@ -16,23 +16,23 @@ if TYPE_CHECKING:
     from ident.inference.identifiability import Consistency
 
 WEAK_ABOVE = 0.5
-"""Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6;
+"""Standard deviation in theta above which a direction is weakly determined: for a stiffness, a factor of 1.6;
 assumed."""
 OPEN_ABOVE = math.log(1e3)
-"""The same above which it counts as open: whatever little the data say there, no prior would say less."""
+"""Standard deviation in theta above which a direction is not determined: any prior carries more information."""
 ALONE = 0.05
-"""Largest exponent of the others, relative to the first one's, with which a combination is one parameter; assumed."""
+"""A combination whose other exponents are all below this share of its largest is one parameter; assumed."""
 RANK_TOLERANCE = 1e-8
-"""Singular values below this share of the largest are rounding."""
+"""Singular values below this share of the largest are rounding errors."""
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of parameters, with what the data say of it.
+    """A combination of parameters, and how well the data determine it.
 
     Attributes:
         weights: (P,) unit vector in theta.
-        sd: standard deviation of the data along it, in theta; infinite where they say nothing.
+        sd: standard deviation by the data along it, in theta; infinite without any information.
     """
 
     weights: Float[np.ndarray, "P"]
@@ -40,33 +40,33 @@ class Direction:
 
     @property
     def seen(self) -> bool:
-        """Whether the data say anything about it."""
+        """Whether the data depend on it at all."""
         return bool(np.isfinite(self.sd))
 
     @property
     def open(self) -> bool:
-        """Whether they leave it open: they say nothing about it, or nothing within a factor of a thousand."""
+        """Whether it is not determined: the data do not depend on it, or leave more than a factor of a thousand."""
         return not self.sd < OPEN_ABOVE
 
     @property
     def weak(self) -> bool:
-        """Whether they say little."""
+        """Whether it is weakly determined."""
         return not self.open and self.sd > WEAK_ABOVE
 
 
 @dataclass(frozen=True)
 class Information:
-    """What data, and prior, tell about the parameters around a point.
+    """Information of data and prior on the parameters around a point.
 
     Attributes:
         names: (P,) parameters.
         directions: (Q,) of the Q unknowns of interest, from the best known to the least known, orthogonal in theta;
-            what is not exactly known beside them counts as noise.
-        spent: number of directions of nuisances without a prior that the data see, and are spent on.
-        data_sd: (P,) standard deviation in theta by the data alone; infinite where they leave the parameter open.
-            What is known of nuisances counts with the data, but for each nuisance's own.
-        covariance: (P, P) of theta by data and prior; infinite variances where neither says anything.
-        prior_share: (P,) share of the prior in what is known of each parameter, from 0 to 1.
+            nuisances count as noise.
+        spent: degrees of freedom that nuisances without a prior take from the data.
+        data_sd: (P,) standard deviation in theta by the data alone; infinite where they do not determine the parameter.
+            The priors of nuisances count as data, except a nuisance's own prior in its own row.
+        covariance: (P, P) of theta by data and prior; infinite variances where neither has information.
+        prior_share: (P,) share of the prior in the information on each parameter, from 0 to 1.
     """
 
     names: tuple[str, ...]
@@ -78,12 +78,12 @@ class Information:
 
     @property
     def rank(self) -> int:
-        """Number of directions that the data see."""
+        """Number of directions on which the data depend."""
         return sum(direction.seen for direction in self.directions)
 
     @property
     def fixed(self) -> int:
-        """Number of directions that the data do not leave open."""
+        """Number of directions that the data determine."""
         return sum(not direction.open for direction in self.directions)
 
     @property
@@ -93,19 +93,19 @@ class Information:
 
     @property
     def supported(self) -> np.ndarray:
-        """Which parameters the data alone would give an interval for."""
+        """Which parameters have a finite interval by the data alone."""
         return self.data_sd < WEAK_ABOVE
 
     @property
     def open(self) -> np.ndarray:
-        """Which parameters the data alone leave open, as directions."""
+        """Which parameters the data alone do not determine, by the rule for directions."""
         return ~(self.data_sd < OPEN_ABOVE)
 
     @property
     def data_share(self) -> Float[np.ndarray, "P"]:
-        """Share of the data alone in what is known of each parameter, from 0 to 1.
+        """Share of the data alone in the information on each parameter, from 0 to 1.
 
-        What this and `prior_share` leave comes from the data together with the priors of other parameters.
+        The rest, after this and `prior_share`, comes from the data together with the priors of other parameters.
         """
         with np.errstate(invalid="ignore"):
             share = np.diag(self.covariance) / self.data_sd**2
@@ -118,17 +118,17 @@ class Information:
             return self.covariance / np.outer(self.sd, self.sd)
 
     def trade_offs(self) -> tuple["TradeOff", ...]:
-        """Say for each open direction which parameter may move, and what then moves along."""
+        """For each undetermined direction, the free parameter and how the others compensate for it."""
         open_space = np.array([d.weights for d in self.directions if d.open])
         return tuple(TradeOff(self.names[lead], row) for lead, row in _echelon(open_space))
 
 
 @dataclass(frozen=True)
 class TradeOff:
-    """A change that the data would hardly notice, or not at all.
+    """A change of the parameters with little or no effect on the data.
 
     Attributes:
-        name: the parameter that may be chosen freely.
+        name: the parameter that can be chosen freely.
         change: (P,) change of each theta when that parameter's theta changes by one.
     """
 
@@ -142,7 +142,7 @@ def half_width(level: float) -> float:
 
 
 def alone(weights: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P"]:
-    """Return the unit vector of one parameter where a combination is hardly anything else, else the combination."""
+    """Return the unit vector of one parameter if the others in the combination are negligible, else the combination."""
     size = np.abs(weights)
     first = int(np.argmax(size))
     if (np.delete(size, first) > ALONE * size[first]).any():
@@ -164,7 +164,7 @@ def information(
         jacobian: d(predicted / sigma)/d(theta) of the data.
         prior_sd: widths of the priors in theta, infinite for none.
         names: of the parameters.
-        nuisance: which of them are known by their priors, and count as noise of the data; none by default.
+        nuisance: which parameters count as noise of the data, within their priors; none by default.
     """
     own = np.ones(len(names), bool) if nuisance is None else ~nuisance
     cleared = np.zeros((jacobian.shape[0] + len(names), len(names)))[:, own]
@@ -192,11 +192,11 @@ def information(
 def clear_of(
     jacobian: Float[np.ndarray, "D P"], prior_sd: Float[np.ndarray, "P"], nuisance: Bool[np.ndarray, "P"]
 ) -> Float[np.ndarray, "D Q"]:
-    """Return the Jacobian of the unknowns of interest as independent data see it that the nuisances scatter as well.
+    """Return the Jacobian of the unknowns of interest, whitened for the scatter that nuisances add to the data.
 
-    With B the nuisances' columns times their priors' sds, the data scatter by 1 + B B' = U diag(1 + s^2) U' + rest; so
-    the others' columns are multiplied by its inverse square root, 1 - U diag(1 - (1 + s^2)^-1/2) U'. What nuisances
-    without a prior may do is projected out before.
+    With B the nuisances' columns times their priors' sds, the covariance of the data is 1 + B B' = U diag(1 + s^2) U' +
+    rest; so the other columns are multiplied by its inverse square root, 1 - U diag(1 - (1 + s^2)^-1/2) U'. The columns
+    of nuisances without a prior are projected out first.
     """
     sd, others = np.asarray(prior_sd), jacobian[:, ~nuisance]
     free, B = (jacobian[:, nuisance & known] for known in (np.isinf(sd), np.isfinite(sd)))
@@ -207,7 +207,7 @@ def clear_of(
 
 
 def _covariance(s: np.ndarray, Vt: np.ndarray) -> np.ndarray:
-    """Return V s^-2 V', infinite variances for parameters that touch a direction with s = 0."""
+    """Return V s^-2 V'; variances are infinite for parameters that take part in a direction with s = 0."""
     known = s > 0
     scaled = Vt[known] / s[known, None]
     covariance = scaled.T @ scaled
@@ -218,7 +218,7 @@ def _covariance(s: np.ndarray, Vt: np.ndarray) -> np.ndarray:
 
 
 def _echelon(rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Reduce a basis so that each row leads with one parameter of its own: reduced echelon form, full pivoting."""
+    """Reduce a basis to reduced echelon form with full pivoting: each row has its own leading parameter."""
     rows = rows.copy()
     leads: list[int] = []
     for i in range(len(rows)):
@@ -238,24 +238,24 @@ def _echelon(rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
 # From a chance to a verdict: the levels, and the correction for how many values are tested together.
 
 SUSPICIOUS = 3.0
-"""Standard deviations beyond which a single normal value is suspicious; more where many are tested together."""
+"""Standard deviations beyond which a single normal value is suspicious; the limit rises with the number of tests."""
 RARE = 2 * NormalDist().cdf(-SUSPICIOUS)
-"""The chance of that: of a false alarm among all values, or all kinds of data, that are tested together."""
+"""Probability of a false alarm among all values, or all kinds of data, tested together: that of `SUSPICIOUS`."""
 IMPROBABLE = 1e-3
-"""Chance of so large a chi-squared below which model or sigmas are called wrong; of so small a one, sigmas or rows;
-assumed."""
+"""P-value of chi-squared below which the fit is rejected: too large, model or sigmas are wrong; too small, sigmas or
+rows; assumed."""
 
 
 def rare(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
-    """Tell which of several chances are too small, with one false alarm in 1 / RARE sets of them at most (`holm`)."""
+    """Return which p-values are too small, with at most one false alarm in 1 / RARE sets of tests (`holm`)."""
     return holm(chances) < RARE
 
 
 def holm(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-    """Return chances that hold for all of several tests together.
+    """Return p-values corrected for the number of tests.
 
     Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6, 1979: the smallest of n times
-    n, the next one times n - 1, none less than those before it.
+    n, the next one times n - 1, none less than its predecessors.
     """
     single = np.asarray(chances, float)
     order = np.argsort(single)
@@ -264,22 +264,22 @@ def holm(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Float[np.ndarray,
 
 
 def farthest(count: int) -> float:
-    """Return the limit [sd] for the farthest of so many normal values."""
+    """Return the outlier limit [sd] for the farthest of `count` normal values."""
     return standard_deviations(RARE / max(count, 1))
 
 
 def standard_deviations(chance: float) -> float:
-    """Return how many standard deviations a normal value exceeds, up or down, with this chance."""
+    """Return the number of standard deviations that a normal value exceeds, up or down, with this probability."""
     return -NormalDist().inv_cdf(chance / 2) if chance / 2 > 0 else np.inf
 
 
 def p_in_words(p: float, digits: int = 2) -> str:
-    """Say a p-value: `p = 0.031`; below what a double holds `p < 1e-300`."""
+    """Write a p-value: `p = 0.031`; below the range of a double `p < 1e-300`."""
     return "p < 1e-300" if p < 1e-300 else f"p = {p:.{digits}g}"
 
 
 def chi_squared_in_words(test: "Fit | Consistency") -> str:
-    """Write chi-squared with what it is compared with."""
+    """Write chi-squared with its degrees of freedom and p-value."""
     if not test.degrees_of_freedom > 0:
         return "no degrees of freedom are left, so chi-squared tests nothing"
     p = "" if math.isnan(test.p_value) else f" ({p_in_words(test.p_value)})"
@@ -287,39 +287,39 @@ def chi_squared_in_words(test: "Fit | Consistency") -> str:
 
 
 def sigma_in_words(sd: float) -> str:
-    """Say how many standard deviations a p-value amounts to: `4.1 sigma`; infinite is more than a double tells."""
+    """Write a p-value as standard deviations: `4.1 sigma`; infinite stands for more than a double resolves."""
     return f"{sd:.1f} sigma" if sd < np.inf else "over 38 sigma"
 
 
 # -------- Score
-# Is an assumption of the model violated? What that would move, and what evidence the data give.
+# Is an assumption of the model violated? How far that would move the parameters, and the evidence in the data.
 #
-# A model assumes that a base is rigid, and that no single value is wrong: both are amounts taken to be
+# A model assumes that the base is rigid, and that no single value is wrong: both are amounts taken to be
 # zero.
 
 APART = 1e-6
-"""Share of what an amount changes in the data, squared, below which the parameters can make up for all of it."""
+"""Squared share of an amount's effect that the parameters cannot absorb; below this it is not separable from them."""
 
 NOTHING = 1e-6
-"""Change of all data together [sd] by the plausible amount below which they do not depend on it: rounding."""
+"""Change of all data together [sd] by the plausible amount; below this the change is rounding."""
 
 CHECKED = 0.01
-"""Share of an error of a value, squared, that a fit does not absorb, below which the value cannot be checked: an error
-of 10 times the limit, 38 sigma of 20 values, would pass in half of the cases."""
+"""Squared share of a value's error that the fit does not absorb; below this the value cannot be checked: an error of
+10 times the limit, 38 sigma for 20 values, would pass in half of the cases."""
 BLAMED = 20
-"""Values and vectors too far off, of more of which no single one is sought that would explain the others."""
+"""Most outliers among which to search for a single one that explains the others."""
 
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """What one amount that a model takes to be zero would do to a fit, and whether the data ask for it.
+    """Effect of one amount that the model takes to be zero, and the evidence for it in the data.
 
     Attributes:
-        amount: the plausible one.
-        positive: whether it can't be below zero, so that only an amount above is asked for.
-        shift: (P,) by how much that amount, were it modelled, would move each theta.
+        amount: plausible size.
+        positive: whether it cannot be negative, so that only a positive score counts.
+        shift: (P,) change of each theta if that amount were modelled.
         seen: whether the data depend on it at all.
-        apart: share of what it changes in the data, squared, for which no change of the parameters makes up.
+        apart: squared share of its effect on the data that no change of the parameters can absorb.
         z: the score in standard deviations: normal if the amount is zero and model, sigmas and priors are right.
         sd: standard deviation of the amount by the data, as far as the model is linear.
     """
@@ -334,12 +334,12 @@ class ScoreTest:
 
     @property
     def separable(self) -> bool:
-        """Whether the data can tell it from the parameters."""
+        """Whether the data can separate it from the parameters."""
         return self.seen and self.apart > APART
 
     @property
     def p_value(self) -> float:
-        """Chance of a score as far in the direction asked for; NaN where the data can't tell."""
+        """P-value of the score, one-sided if the amount is positive; NaN where it is not separable."""
         if not self.separable:
             return math.nan
         tail = NormalDist().cdf(-self.z if self.positive else -abs(self.z))
@@ -347,7 +347,7 @@ class ScoreTest:
 
 
 def asked_for(tests: Sequence[ScoreTest]) -> tuple[int, ...]:
-    """Return the places of those tests that ring, of the largest score first; Holm over all that can be told."""
+    """Return the indices of the significant tests, largest score first; Holm over all separable ones."""
     told = [place for place, test in enumerate(tests) if test.separable]
     rings = rare([tests[place].p_value for place in told])
     asked = [place for place, ring in zip(told, rings, strict=True) if ring]
@@ -363,21 +363,20 @@ def score_tests(
 ) -> tuple[ScoreTest, ...]:
     """Test several amounts that a model takes to be zero, each by itself, with the parameters profiled out.
 
-    With r = (predicted - measured) / sigma and the residuals of the priors below it, S their Jacobian by theta and d
-    that by an amount (zero for the priors), of which d_p = d - S (S'S)^-1 S'd is left when theta makes up for what it
-    can,
+    With r = (predicted - measured) / sigma stacked on the residuals of the priors, S their Jacobian by theta, d that by
+    an amount (zero for the priors), and d_p = d - S (S'S)^-1 S'd the part of d that theta cannot absorb,
 
         z = -d_p' r / |d_p|,        shift by an amount a = -(S'S)^-1 S'd a,
 
-    |d_p|^2 = d'd - d'S (S'S)^-1 S'd being the information on the amount (Rao 1948). An amount that can't be negative is
-    tested on one side, zero being a boundary: there the score keeps its normal law, unlike the likelihood ratio.
+    where |d_p|^2 = d'd - d'S (S'S)^-1 S'd is the information on the amount (Rao 1948). A nonnegative amount has a
+    one-sided test: at the boundary zero the score stays normal, unlike the likelihood ratio.
 
     Args:
-        fit: the best optimum of it is looked at.
+        fit: its best optimum is tested.
         changes: derivatives of the predictions [SI] by each amount, at zero.
-        amounts: plausible ones, in the same unit.
-        positive: whether each can't be below zero.
-        without: data whose derivatives are not known: they are left out; none when None.
+        amounts: plausible sizes, in the same unit.
+        positive: whether each amount cannot be negative.
+        without: data to leave out, as their derivatives are unknown; none when None.
 
     References:
         Rao, "Large sample tests of statistical hypotheses concerning several parameters", Proc. Cambridge Philos. Soc.
@@ -406,15 +405,15 @@ def score_tests(
 
 @dataclass(frozen=True)
 class RowTests:
-    """Whether single values are wrong: the score test of a shift of each, or of each vector of values.
+    """Outlier tests: the score test of a shift of each value, or of each vector of values.
 
     Attributes:
-        z: (D,) the shift in standard deviations, of the sign of predicted - measured: normal if all is right; NaN of a
-            value that is not fitted, or for any error of which the parameters make up.
-        left: (D,) share of an error of the value, squared, that is left when the parameters have made up for what they
-            can, all other errors given; of a component of a vector that of the vector's best direction.
-        chance: (D,) of so large a shift, of a component of a vector that of the whole vector; NaN where `z` is.
-        units: (D,) number of the vector of each value, one of its own for any other value.
+        z: (D,) the shift in standard deviations, with the sign of predicted - measured: normal if all is right; NaN if
+            the value is not fitted, or if the parameters absorb any error of it.
+        left: (D,) squared share of the value's error that the parameters cannot absorb, all other errors given; for a
+            component of a vector, that of the vector's best direction.
+        chance: (D,) p-value of the shift; for a component, that of the whole vector; NaN where `z` is.
+        units: (D,) number of each value's vector; any other value has a number of its own.
     """
 
     z: Float[np.ndarray, "D"]
@@ -424,17 +423,17 @@ class RowTests:
 
     @property
     def tested(self) -> int:
-        """How many values and vectors are tested."""
+        """Number of values and vectors tested."""
         return len(np.unique(self.units[np.isfinite(self.chance)]))
 
     @property
     def limit(self) -> float:
-        """Limit [sd] for the farthest of so many."""
+        """Outlier limit [sd] for that number of tests."""
         return farthest(self.tested)
 
     @property
     def outliers(self) -> Bool[np.ndarray, "D"]:
-        """Which values, each with all components of its vector, are too far off for so many; Holm over all."""
+        """Which values are outliers, with all components of a vector; Holm over all tests."""
         known = np.flatnonzero(np.isfinite(self.chance))
         units, first, place = np.unique(self.units[known], return_index=True, return_inverse=True)
         found = np.zeros(len(self.z), bool)
@@ -443,26 +442,26 @@ class RowTests:
 
     @property
     def unchecked(self) -> Bool[np.ndarray, "D"]:
-        """Which fitted values cannot be checked: nothing else that is known tells what they should read."""
+        """Which fitted values cannot be checked: no other data or prior predicts them."""
         return self.left < CHECKED
 
 
 def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> RowTests:
     """Test a shift of each value by itself, the parameters profiled out: is that value wrong?
 
-    With C the covariance of the errors, r = predicted - measured, J the Jacobian, P what the priors know, and e the
-    value's unit vector,
+    With C the covariance of the errors, r = predicted - measured, J the Jacobian, P the information of the priors, and
+    e the value's unit vector,
 
         z = e' C^-1 r / (e' C^-1 V C^-1 e)^1/2,        V = C - J (J' C^-1 J + P)^-1 J',
 
-    which is the score test (`score_tests`) of one more parameter that moves this value only, and of a linear model also
-    the root of what such a parameter would take off the cost. Where errors are independent z is the residual over
-    sigma (1 - h)^1/2, h being the value's leverage. Of a vector all components may be shifted at once: chi-squared.
+    which is the score test (`score_tests`) of one more parameter that moves this value only. In a linear model z^2 is
+    also the fall of the cost by that parameter. For independent errors z is the residual over sigma (1 - h)^1/2, with
+    the value's leverage h. The components of a vector are shifted together: chi-squared.
 
     Args:
         problem: its `correlation`, `vectors` and finite `sigma` count.
-        residuals: of the data, made independent, then of the priors, as of `InverseProblem.weigh`.
-        slope: their Jacobian by all that is fitted.
+        residuals: whitened residuals of the data, then those of the priors, as from `InverseProblem.weigh`.
+        slope: their Jacobian by all fitted parameters.
 
     References:
         Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic Commission 2(5), 1968. Cook,
@@ -483,10 +482,10 @@ def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope:
     chance[told] = [2 * NormalDist().cdf(-abs(each)) for each in z[told].tolist()]
     units = np.arange(count) if problem.vectors is None else np.asarray(problem.vectors)
     for unit in np.flatnonzero(np.bincount(units[fitted]) > 1):
-        from scipy.special import chdtrc  # takes a tenth of a second, which campaigns without vectors can spare
+        from scipy.special import chdtrc  # takes 0.1 s to import, only for campaigns with vectors
 
         own = np.flatnonzero(fitted & (units == unit))
-        # in directions in which errors are independent of one size, so that what is left of them is a share
+        # in whitened directions, so that the part of an error not absorbed is a share
         shifts = np.eye(len(own)) if problem.correlation is None else _shifts(problem, own)
         L = np.linalg.inv(np.linalg.cholesky(shifts.T @ shifts))
         taken = L @ absorbed[own]
@@ -501,18 +500,18 @@ def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope:
 def blamed(
     problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]
 ) -> tuple[tuple[int, ...], ...]:
-    """Return each value, or vector, without which no other one is too far off; none of many that are.
+    """Return each value, or vector, whose removal leaves no other outlier; nothing if more than `BLAMED` are outliers.
 
-    A wrong value pulls the fit, so that right ones may look wrong as well. Where several are returned, the data can't
-    tell which of them is wrong.
+    A wrong value pulls the fit, so that right ones may look wrong as well. If several are returned, the data cannot
+    decide which of them is wrong.
 
     Args:
-        problem: as of `row_tests`.
+        problem: as in `row_tests`.
         residuals: as there.
         slope: as there.
 
     Returns:
-        Places of the value, or of the vector's components.
+        Indices of the value, or of the vector's components.
     """
     tests = row_tests(problem, residuals, slope)
     found, sigma = [], np.asarray(problem.sigma)
@@ -526,19 +525,19 @@ def blamed(
 
 
 def _shifts(problem: InverseProblem, own: Int[np.ndarray, "n"]) -> Float[np.ndarray, "D n"]:
-    """Return what a shift of each of some values by its sigma is, made independent."""
+    """Return the whitened shift of each of some values by its sigma."""
     shifts = np.zeros((len(problem.kinds), len(own)))
     shifts[own, np.arange(len(own))] = 1.0
     return np.asarray(problem.errors.whiten(shifts))
 
 
 def reached(slope: Float[np.ndarray, "R P"]) -> Float[np.ndarray, "R K"]:
-    """Return an orthonormal basis of what steps explain."""
+    """Return an orthonormal basis of the column space of the slope."""
     return _factors(slope)[0]
 
 
 def _factors(slope: Float[np.ndarray, "R P"]) -> tuple[Float[np.ndarray, "R K"], Float[np.ndarray, "P R"]]:
-    """Return an orthonormal basis of what a slope reaches, and its pseudo-inverse."""
+    """Return an orthonormal basis of a slope's column space, and its pseudo-inverse."""
     U, s, Vt = np.linalg.svd(slope, full_matrices=False)
     seen = s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)
     return U[:, seen], (Vt[seen].T / s[seen]) @ U[:, seen].T

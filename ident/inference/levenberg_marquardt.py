@@ -1,4 +1,4 @@
-"""The solver within a program: Levenberg-Marquardt, composed of optimistix' damped Newton descent and trust region."""
+"""The solver within a compiled program: Levenberg-Marquardt from optimistix' damped Newton descent and trust region."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,20 +15,20 @@ from ident.inference.parameters import AnyArray
 LEAST_STEP = 1e-10
 """Length of the next step [sd] below which a search has ended: a repeated fit agrees to 1e-9."""
 ROUNDING = 1e-10
-"""Fall of the cost, relative to one plus the cost, and step in theta, relative to one plus theta, that are rounding."""
+"""Fall of the cost, relative to 1 + cost, and step in theta, relative to 1 + theta, that count as rounding."""
 
 
 class Progress(NamedTuple):
-    """A search between two looks at the model.
+    """State of a search between two evaluations of the model.
 
     Attributes:
-        end: what was found at the best point so far.
+        end: evaluation at the best point so far.
         known: residuals and their Jacobian there.
-        there: (P,) where to look next.
-        fall: of the cost that is foreseen there; infinite before the first look.
+        there: (P,) next point to evaluate.
+        fall: predicted fall of the cost there; infinite before the first evaluation.
         region: state of the trust region.
-        ended: whether there is nothing left to look at.
-        looks: number of them.
+        ended: whether the search has ended.
+        looks: number of evaluations.
     """
 
     end: Any
@@ -47,17 +47,17 @@ def damped_minimum(
     to_the_end: Bool[AnyArray, ""],
     steps: int,
 ) -> tuple[Any, Array]:
-    """Minimise a sum of squares from a start; return what was found at the end, and whether it has ended.
+    """Minimise a sum of squares from a start; return the last evaluation, and whether the search has ended.
 
-    The trust region compares the fall of the cost with the one that was foreseen, accepts the point, and says how much
-    the next step is damped: (J'J + damping) d = -J'r (Marquardt, J. SIAM 11, 1963). NaN at the start ends it.
+    The trust region compares the fall of the cost with its prediction, accepts the point or not, and sets the damping
+    of the next step: (J'J + damping) d = -J'r (Marquardt, J. SIAM 11, 1963). NaN at the start ends the search.
 
     Args:
-        look: of theta and what the model holds there: what is found, with its `choice`, residuals and their slope.
+        look: evaluates theta with a held assignment: the result with its `choice`, residuals and their slope.
         start: theta.
-        held: what the model holds at the first point.
-        to_the_end: whether it goes on where the model would choose again.
-        steps: after which it is given up.
+        held: assignment that the model keeps at the first point.
+        to_the_end: whether to continue where the model would choose again.
+        steps: at most.
     """
     rule: Any = optx.ClassicalTrustRegion()
     descent: Any = optx.DampedNewtonDescent(linear_solver=lx.QR())
@@ -69,13 +69,13 @@ def damped_minimum(
         end, *known = look(at.there, at.end.choice.held)
         now, before = _known(*known), at.known
         size, accepted, _, region = rule.step(at.looks == 0, at.end.theta, at.there, before, now, at.region)
-        # gains that are rounding measure no step: steps are taken then as long as each foresees less than the last one
+        # gains at rounding level cannot judge a step: steps are then taken as long as each predicts less than the last
         least = ROUNDING * (1 + 2 * before.as_min())
         near = at.fall < least
         accepted |= near & (2 * (now.as_min() - before.as_min()) < least)
         end, now = jax.tree.map(partial(jnp.where, accepted), (end, now), (at.end, before))
         step, _ = descent.step(size, descent.query(end.theta, now, descent.init(end.theta, now)))
-        # |r|^2 - |J d + r|^2 without its cancellation: by the equation of the step it is |J d|^2 + 2 damping |d|^2
+        # |r|^2 - |J d + r|^2 without cancellation: from the equation of the step, |J d|^2 + 2 damping |d|^2
         fall = (now.jac.mv(step) ** 2).sum() + 2 * (step**2).sum() / size
         stuck = jnp.abs(step).max() < ROUNDING * (1 + jnp.abs(end.theta).max())
         ended = ~jnp.isfinite(fall) | (fall < LEAST_STEP**2) | stuck | (near & (~accepted | (fall >= at.fall)))

@@ -1,4 +1,4 @@
-"""Where the starts of a fit ended: which ends are one optimum, in which order, and how well each is known."""
+"""Optima of a fit: merge the ends of its searches, sort them by score, and find how well each is determined."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,26 +23,26 @@ from ident.inference.problem import InverseProblem
 from ident.inference.search import OPTIMUM_STEP, Convergence, End, Row, searched, solve, step_length, weighed
 
 Ended = tuple[End, Convergence]
-"""Where a search ended, and how."""
+"""End point of a search, and its convergence."""
 TIE, DIGITS = 1e-6, 4
-"""Relative difference of two costs that is none; decimals of theta, and of a distance, by which ties are ordered."""
+"""Relative cost difference treated as equal; decimals of theta, and of a distance, that order ties."""
 SAME = 1e-3
-"""Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum; assumed."""
+"""Distance of two ends, in standard deviations of the data or of theta, below which they are one optimum; assumed."""
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where one or several starts ended.
+    """An optimum in which one or several starts ended.
 
     Attributes:
         values: (P,) parameters [SI].
         theta: (P,) the same, unconstrained.
         cost: sum of squared residuals, data and prior.
         starts: number of starts that ended here.
-        converged: whether the next step is negligible, in all directions but the open ones.
+        converged: whether the next step is negligible in all but the open directions.
         open: (N, P) directions in theta along which the cost stays flat or still falls over several e-folds.
-        sd: (P,) standard deviation of each theta by data and prior about here.
-        said: minus twice the logarithm of the probability of what was said of the values, such as modes' labels.
+        sd: (P,) standard deviation of each theta by data and prior at this point.
+        said: label cost: minus twice the logarithm of the probability of the mode labels.
     """
 
     values: Float[np.ndarray, "P"]
@@ -56,23 +56,22 @@ class Optimum:
 
     @property
     def score(self) -> float:
-        """What optima are compared by: the cost, and the label cost."""
+        """Cost plus label cost: the quantity that ranks optima."""
         return self.cost + self.said
 
 
 def rivals(optima: Sequence[Optimum]) -> tuple[Optimum, ...]:
-    """Return the further optima that the data do not rule out: of a cost within the 95 % limit of the first one's."""
+    """Return the competing optima: those whose cost is within the 95 % limit of the best one's."""
     limit = optima[0].score + half_width(0.95) ** 2
     return tuple(optimum for optimum in optima[1:] if optimum.converged and optimum.score < limit)
 
 
 def unmet(optima: Sequence[Optimum]) -> float:
-    """Return how many optima are expected beyond the best one and its rivals, by how often each of these was met.
+    """Return the expected number of unseen optima beyond the best one and its competitors.
 
-    With w of them met in n starts, w (n - 1) / (n - w - 2) are expected in all, if starts are independent and any
-    sizes of the regions that lead to them are equally probable beforehand (Boender & Rinnooy Kan, "Bayesian stopping
-    rules for multistart global optimization methods", Math. Programming 37, 1987). A single one that was never beside
-    another expects none.
+    If n starts ended in w different optima, w (n - 1) / (n - w - 2) are expected in all, for independent starts and a
+    uniform prior over the sizes of the optima's basins (Boender & Rinnooy Kan, "Bayesian stopping rules for multistart
+    global optimization methods", Math. Programming 37, 1987). If all starts ended in one optimum, none is expected.
     """
     near = [optima[0], *rivals(optima)]
     n, w = sum(optimum.starts for optimum in near), len(near)
@@ -82,9 +81,9 @@ def unmet(optima: Sequence[Optimum]) -> float:
 
 
 def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
-    """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
+    """Merge ends that data and prior cannot separate: a flat valley is one optimum, however long and curved.
 
-    Ends that are no optimum are dropped, unless it is the best one.
+    Ends that have not converged are dropped, except the best one.
     """
     groups: list[list[Ended]] = []
     prior_sd = normal_prior_sd(problem)
@@ -95,7 +94,7 @@ def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
             apart = np.concatenate([problem.scaled(np.asarray(first.jacobian @ step)), step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
             level = abs(end.cost - first.cost) < SAME * SAME * (1 + end.cost)
-            if level and not near:  # a valley, where data and prior together leave a direction open
+            if level and not near:  # a valley: data and prior together do not determine a direction
                 rows = np.vstack([problem.scaled(np.asarray(first.jacobian)), np.diag(1 / prior_sd)])
                 s = np.linalg.svd(rows, compute_uv=False)
                 near = s[-1] < RANK_TOLERANCE * s[0]
@@ -109,11 +108,11 @@ def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
 
 
 def in_order(problem: InverseProblem, ends: list[Ended]) -> list[Ended]:
-    """Sort ends by score; ties by the distance from the priors' centre, then by theta: the same on any machine."""
+    """Sort ends by score; ties by distance from the priors' centre, then by theta: reproducible on any machine."""
     parameters = problem.parameters
     centre, scale = parameters.theta_centre, np.minimum(parameters.normal_sd, 1.0)
     ranks: list[tuple[int, float, tuple[float, ...], int]] = []
-    scores = [end.score for end, _ in ends]  # once each: ends are ordered after every start
+    scores = [end.score for end, _ in ends]  # each once, as ends are sorted after every start
     places = sorted(range(len(ends)), key=scores.__getitem__)
     ends, scores = [ends[place] for place in places], [scores[place] for place in places]
     for i, (end, _) in enumerate(ends):
@@ -124,7 +123,7 @@ def in_order(problem: InverseProblem, ends: list[Ended]) -> list[Ended]:
 
 
 def is_tie(a: float, b: float) -> bool:
-    """Tell whether two costs are the same but for rounding and where the searches stopped."""
+    """Whether two costs are equal up to rounding and the searches' stopping tolerance."""
     return abs(a - b) < TIE * (1 + abs(a))
 
 
@@ -144,28 +143,27 @@ def _optimum(problem: InverseProblem, group: list[Ended]) -> Optimum:
 
 
 def normal_prior_sd(problem: InverseProblem) -> np.ndarray:
-    """Return the priors' standard deviations in theta; infinite for flat ones, whose edges are one-sided."""
+    """Return the priors' standard deviations in theta; infinite for flat priors, whose edges are one-sided."""
     parameters = problem.parameters
     return np.where(np.asarray(parameters.column("flat")) > 0, np.inf, np.asarray(parameters.column("prior_sd")))
 
 
 # -------- Constrained fit
-# An inverse problem in which one parameter is held and all others are fitted.
+# One parameter is held fixed, and all others are fitted.
 
 WIDTH = 1e-5
-"""Width of the prior that holds a parameter, in its standard deviations, or in theta where that is less."""
+"""Width of the narrow prior that holds a parameter, in its standard deviations, or in theta if that is less."""
 GAIN = 1e-6
-"""Fall of the cost that is not worth a further step; assumed."""
+"""Smallest fall of the cost that justifies another step; assumed."""
 MORE = 3
-"""Further searches where none has converged."""
+"""Further searches if none has converged."""
 BEYOND = 100.0
-"""Delta chi-squared above which a point is outside of every interval, and need not be known any better;
-ten standard deviations."""
+"""Delta chi-squared beyond every interval, ten standard deviations: there a point needs no further accuracy."""
 REACH = 1000.0
-"""Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
+"""Factor on a positive parameter beyond which a profile counts as open; for the others, ln(REACH) units of theta or
 standard deviations, whichever is more."""
 STEEPEST = 5.0
-"""The other parameters' theta are foreseen to move at most so many times as far as the held one's."""
+"""Largest predicted move of the other parameters' theta, as a multiple of the held parameter's move."""
 
 
 class Point(NamedTuple):
@@ -173,11 +171,11 @@ class Point(NamedTuple):
 
     Attributes:
         theta: (P,) all parameters.
-        delta_chi_squared: cost above the optimum's, data and priors.
+        delta_chi_squared: rise of the cost above the optimum's, data and priors.
         converged: whether the other parameters' next step is negligible.
-        tangent: (P,) estimated d(theta) / d(theta of the held one) along the profile.
-        choice: by what the model knows what its values belong to; None where it chooses nothing.
-        said: minus twice the logarithm of the probability of what was said of the values.
+        tangent: (P,) estimated d(theta) / d(theta of the held parameter) along the profile.
+        choice: the model's assignment of values to modes; None if the model has no choice.
+        said: label cost.
     """
 
     theta: Any
@@ -190,17 +188,17 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class ConstrainedFit:
-    """A fitted problem with one parameter that is held.
+    """A fitted problem with one parameter held fixed.
 
-    What holds it is a narrow normal prior in place of its own, so that the program compiled for the fit serves all
-    parameters. It moves the parameter by WIDTH^2 sd^2 / 2 times the slope of the cost, some 1e-10 of a standard
-    deviation; and since its cost does not depend on the others, these are fitted exactly for where it is.
+    A narrow normal prior holds the parameter in place of its own prior, so that the program compiled for the fit serves
+    all parameters. The parameter then moves by WIDTH^2 sd^2 / 2 times the slope of the cost, some 1e-10 of a standard
+    deviation. The cost of this prior does not depend on the others, so their fit is exact for the actual value.
 
     Attributes:
-        problem: what was fitted.
-        optimum: where.
-        end: the same as the end of a search, whose choice others may take over.
-        index: place of the parameter in theta.
+        problem: the fitted problem.
+        optimum: its optimum.
+        end: the same optimum as the end of a search; others may adopt its choice.
+        index: index of the parameter in theta.
     """
 
     problem: InverseProblem
@@ -210,7 +208,7 @@ class ConstrainedFit:
 
     @property
     def sd(self) -> float:
-        """Standard deviation of the parameter's theta in the linear approximation; may be infinite."""
+        """Standard deviation of the parameter's theta in the linear approximation, possibly infinite."""
         return float(self.optimum.sd[self.index])
 
     @property
@@ -219,7 +217,7 @@ class ConstrainedFit:
         return float(self.optimum.theta[self.index])
 
     def limit(self, reach: float = REACH) -> float:
-        """Return the distance in theta beyond which nothing is looked for, see `REACH`."""
+        """Return the largest distance in theta of a search, see `REACH`."""
         wide = not self.problem.parameters.items[self.index].positive and 1 < self.sd < math.inf
         return math.log(reach) * (self.sd if wide else 1.0)
 
@@ -230,12 +228,12 @@ class ConstrainedFit:
         return Point(self.optimum.theta, 0.0, self.optimum.converged, tangent, self.end.choice.held, self.optimum.said)
 
     def at(self, theta: float, near: Sequence[Point]) -> Point | None:
-        """Fit all others with the held one at theta; None where the model has no answer.
+        """Fit all others with the held parameter at theta; None where the model has no solution.
 
         Args:
             theta: of the held parameter.
-            near: points to start from. Each is tried with and without its tangent, until an attempt converges; if none
-                does, as in a long valley, the best one goes on.
+            near: points to start from, each with and without its tangent, until an attempt converges. If none does, as
+                in a long valley, the best one continues.
         """
         problem = self._held(theta)
         points: list[Point] = []
@@ -267,7 +265,7 @@ class ConstrainedFit:
         return replace(self.problem, parameters=Parameters(tuple(items)))
 
     def _point(self, end: End) -> Point | None:
-        """Weigh where a search ended by the problem's own priors."""
+        """Evaluate the end of a search under the problem's own priors."""
         if not np.isfinite(end.cost):
             return None
         theta = np.asarray(end.theta)
@@ -279,34 +277,34 @@ class ConstrainedFit:
         return Point(theta, cost - self.optimum.cost, converged, self._tangent(slope), end.choice.held, said)
 
     def _tangent(self, slope: np.ndarray) -> np.ndarray:
-        """Return how the others follow in the linear approximation; the shortest way where that is open."""
+        """Return how the others follow in the linear approximation: the shortest solution if that is undetermined."""
         tangent, others = np.zeros(slope.shape[1]), np.arange(slope.shape[1]) != self.index
         if not np.isfinite(slope).all():
             return tangent
-        # the held parameter's own prior lies in a row of its own and so moves no other
+        # the held parameter's prior has its own row and so moves no other parameter
         follow = -np.linalg.lstsq(slope[:, others], slope[:, self.index], rcond=RANK_TOLERANCE)[0]
         tangent[others] = np.clip(follow, -STEEPEST, STEEPEST)
         return tangent
 
 
 def _best(points: Sequence[Point]) -> Point:
-    """Return the point of least cost; a converged one where that makes next to no difference."""
+    """Return the point of least cost; a converged one if its cost is practically the same."""
     return min(points, key=lambda point: point.delta_chi_squared - GAIN * point.converged)
 
 
 # -------- Profile path
-# One side of a profile: the path outwards from the optimum, and where it meets the thresholds.
+# One side of a profile: the path outwards from the optimum, and its crossings of the thresholds.
 
 FIRST = 0.1
 """Largest first step in theta."""
 FINE, COARSE = 0.3, 0.7
-"""Increase of sqrt(delta chi-squared) that a step aims at, and the largest that it may bring."""
+"""Increase of sqrt(delta chi-squared) per step: target, and largest allowed."""
 EDGE = 1e-5
-"""Accuracy of an end, as a share of its distance from the optimum."""
+"""Accuracy of an interval's end, as a share of its distance from the optimum."""
 
 
 class Ending(StrEnum):
-    """Why an interval ends on one side: its cost is met, it is not met within reach, or the model ends before it."""
+    """Why an interval ends on one side: threshold met, not met within reach, or the model ends before it."""
 
     CROSSED = "crossed"
     OPEN = "open"
@@ -315,11 +313,11 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True)
 class Bound:
-    """Where an interval ends on one side.
+    """End of an interval on one side.
 
     Attributes:
-        distance: from the optimum in theta, infinite where open.
-        ending: why.
+        distance: from the optimum in theta, infinite if open.
+        ending: the reason.
     """
 
     distance: float
@@ -331,7 +329,7 @@ class Side:
     """One side of a profile.
 
     Attributes:
-        points: from the optimum outwards.
+        points: of the path, from the optimum outwards.
         bounds: one for each threshold.
     """
 
@@ -342,7 +340,7 @@ class Side:
 def profile_path(constrained: ConstrainedFit, sign: int, limit: float, thresholds: Sequence[float]) -> Side:
     """Follow a profile to one side until the highest threshold, the limit or the end of the model.
 
-    Each interval reaches to the outermost crossing of its threshold that the path meets, so none leaves the next one.
+    Each interval reaches to the outermost crossing of its threshold on the path, so that intervals are nested.
 
     Args:
         constrained: the problem, with one parameter held.
@@ -356,10 +354,10 @@ def profile_path(constrained: ConstrainedFit, sign: int, limit: float, threshold
 
 
 def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) -> tuple[dict[float, Point], Ending]:
-    """Return the points by their distance, and why there are no more.
+    """Return the points by their distance, and why the path ends.
 
-    Steps grow where the profile is flat and shrink where it is steep. Towards the end of the model they are halved, and
-    towards a jump; beyond one they are as long as the first.
+    Steps grow where the profile is flat and shrink where it is steep. They are halved towards the end of the model and
+    towards a jump; beyond a jump they start with the first length again.
     """
     here, wall = 0.0, math.inf
     step = first = min(FIRST, FINE * constrained.sd)
@@ -385,8 +383,8 @@ def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) 
 
 
 def _bound(constrained: ConstrainedFit, sign: int, path: dict[float, Point], ending: Ending, level: float) -> Bound:
-    """Find where the profile leaves an interval for good; the points that it takes are added to the path."""
-    from scipy.optimize import brentq  # long to import, and a fit of short intervals needs none
+    """Return where the profile finally leaves an interval; points computed on the way are added to the path."""
+    from scipy.optimize import brentq  # slow to import, and a fit with near-linear intervals does not need it
 
     places = sorted(path)
     last = max(i for i, place in enumerate(places) if path[place].delta_chi_squared <= level or i == 0)
@@ -414,36 +412,36 @@ def _root(point: Point) -> float:
 
 
 # -------- Curvature
-# Where intervals, and widths of combinations, end: by the linear approximation, or on the cost where it bends.
+# Ends of intervals, and widths of combinations: linear, or from the cost itself where it is not quadratic.
 
 LEVEL = 0.95
-"""Chance of covering the true value, of the intervals whose ends are looked at."""
+"""Coverage probability of the intervals."""
 BETTER = 1e-3
-"""Fall of the cost below the optimum from which the fit is said to be beaten; assumed."""
+"""Fall of the cost below the optimum that counts as a better optimum; assumed."""
 LINEAR = 0.2
-"""Share by which half an interval may differ from the linear one's half and still count as linear; assumed."""
+"""Relative deviation of an interval's half from the linear half that still counts as linear; assumed."""
 LOOKS, NEAR, LONGEST = 8, 0.1, 6.0
-"""Constrained searches for an end of a combination at most, the share within which it is found, and the factor by which
-one reaches beyond the last at most."""
+"""Most constrained searches for an end of a combination, the relative accuracy of the end, and the largest ratio of
+successive distances."""
 
 
 def stretches(
     problem: InverseProblem, optimum: Optimum, end: End, which: Bool[np.ndarray, "P"]
 ) -> tuple[Float[np.ndarray, "P 2"], Float[np.ndarray, "P"] | None]:
-    """Return by what factor each half of an interval is longer than the linear one, below and above; infinite if open.
+    """Return the interval scales: each half over the linear half, below and above; infinite if open.
 
-    One where the profile of the cost (see `profile`) says of the linear end that it is where it should be, to `LINEAR`;
-    elsewhere the profile is followed to the end. What that does to coverage is in tests/benchmarks/README.md.
+    The scale is 1 if the profile of the cost (see `profile`) confirms the linear end to `LINEAR`; otherwise the profile
+    is followed to the end. The effect on coverage is in tests/benchmarks/README.md.
 
     Args:
-        problem: what was fitted.
-        optimum: where.
-        end: the same as the end of a search.
-        which: the parameters that are looked at.
+        problem: the fitted problem.
+        optimum: its optimum.
+        end: the same optimum as the end of a search.
+        which: parameters to examine.
 
     Returns:
-        Also theta where the cost is lowest on the way, if it falls below the optimum's: then there is a better optimum,
-        and the factors mean nothing.
+        Also the theta of lowest cost on the way, if that is below the optimum's: then there is a better optimum, and
+        the scales are meaningless.
     """
     found, points = np.ones((len(which), 2)), list[Point]()
     for index in np.flatnonzero(which):
@@ -456,7 +454,7 @@ def stretches(
 
 
 def _stretch(constrained: ConstrainedFit, sign: int) -> tuple[float, Sequence[Point]]:
-    """Return the factor of one half, and the points at which the cost was looked at."""
+    """Return the scale of one half, and the points at which the cost was computed."""
     width, start = half_width(LEVEL), constrained.start()
     there = constrained.at(constrained.centre + sign * width * constrained.sd, [start])
     if there and there.converged and abs(width / math.sqrt(max(there.delta_chi_squared, 1e-9)) - 1) <= LINEAR:
@@ -466,29 +464,29 @@ def _stretch(constrained: ConstrainedFit, sign: int) -> tuple[float, Sequence[Po
 
 
 def _fall(optimum: Optimum, point: Point) -> float:
-    """Return how far the cost is below the optimum's, less what speaks more against labels and the like there."""
+    """Return how far the cost is below the optimum's, less the rise of the label cost."""
     return -float(point.delta_chi_squared) - max(point.said - optimum.said, 0.0)
 
 
 def fixed_combinations(
     problem: InverseProblem, end: End, known: Information, *, widths: bool = True
 ) -> tuple[Direction, ...]:
-    """Return the combinations that the data fix, each with the width of its profile as its standard deviation.
+    """Return the combinations that the data determine, each with its profile's width as standard deviation.
 
-    The linear standard deviation of a combination w'theta is a promise about the optimum's surroundings only: where
-    the cost bends along the other combinations, w turns on the way, and the product is known less well, by much where
-    data are few. So theta is fitted again with w'theta held, by data and priors, outwards on both sides until the cost
-    has risen to the 95 % limit; half the distance of the two ends, over 1.96, is the standard deviation.
+    The linear standard deviation of a combination w'theta holds near the optimum only: where the cost is not quadratic
+    along the other combinations, w turns on the way, and the product is less well determined, much less with few data.
+    So theta is fitted again with w'theta held, by data and priors, outwards on both sides until the cost has risen to
+    the 95 % limit; half the distance of the two ends, over 1.96, is the standard deviation.
 
     Args:
-        problem: what was fitted.
+        problem: the fitted problem.
         end: the optimum, as the end of a search.
-        known: what data and priors tell there.
-        widths: whether to look for the widths; NaN otherwise.
+        known: information of data and priors there.
+        widths: whether to compute the widths; NaN otherwise.
 
     Returns:
-        One for each direction of `known` that is not open, as one parameter where it is hardly more (`alone`); infinite
-        where an end is not met within `REACH`, NaN where the cost falls below the optimum's.
+        One for each direction of `known` that is not open, as a single parameter if the others are negligible
+        (`alone`); infinite if an end is not met within `REACH`, NaN if the cost falls below the optimum's.
     """
     found = []
     for direction in known.directions:
@@ -500,7 +498,7 @@ def fixed_combinations(
 
 
 def _distance(problem: InverseProblem, end: End, weights: Float[np.ndarray, "P"], known: Information) -> float:
-    """Return how far w'theta may rise until the least cost has risen to the 95 % limit."""
+    """Return the rise of w'theta at which the least cost reaches the 95 % limit."""
     width, furthest = half_width(LEVEL), math.log(REACH)
     covariance = np.nan_to_num(known.covariance, nan=0.0, posinf=furthest**2)
     sd = math.sqrt(weights @ covariance @ weights)
@@ -530,9 +528,9 @@ def _distance(problem: InverseProblem, end: End, weights: Float[np.ndarray, "P"]
 
 
 def _aside(covariance: Float[np.ndarray, "P P"]) -> list[Float[np.ndarray, "P"]]:
-    """Return steps from where a search begins: none, and where a valley is long, another along it.
+    """Return offsets of a search's start: zero, and in a long valley also a step along it.
 
-    At its middle the cost may be level to both sides, though it falls there: springs in series of equal stiffness.
+    At its middle the cost may be stationary, though it falls to both sides: springs in series of equal stiffness.
     """
     variance, axes = np.linalg.eigh(covariance)
     step = math.sqrt(variance[-1]) * axes[:, -1]
@@ -540,9 +538,9 @@ def _aside(covariance: Float[np.ndarray, "P P"]) -> list[Float[np.ndarray, "P"]]
 
 
 def _next_distance(path: Mapping[float, float], width: float, furthest: float) -> float:
-    """Return where the root of the rise is expected to meet the width, of its values by distance.
+    """Return the distance at which the root of the rise is expected to reach the width.
 
-    Outwards as a power of the distance, one in the linear approximation, less where the valley turns away.
+    Extrapolation is by a power of the distance: 1 in the linear approximation, less where the valley turns away.
     """
     near = max(distance for distance, root in path.items() if root < width)
     far = min((distance for distance, root in path.items() if not root < width), default=math.inf)

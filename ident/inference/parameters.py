@@ -13,20 +13,20 @@ AnyArray = Array | np.ndarray
 
 
 class Parameter(eqx.Module):
-    """One unknown number; with several paths, numbers that are tied to be equal.
+    """One unknown; with several paths, numbers tied to be equal.
 
     The fit works in theta: ln(value) for positive quantities, value / scale for the others. The prior, if any, is
     flat in theta within `flat` of the centre and normal beyond; with flat = 0, log-normal for positive quantities.
 
     Attributes:
-        paths: where the number sits in the model; the first one names the parameter.
+        paths: of the number in the model; the first one names the parameter.
         positive: fitted as its logarithm.
-        start: the value that the fit starts from.
+        start: starting value of the fit.
         centre: the prior's median.
         prior_sd: standard deviation in theta of the prior's normal flanks; infinite for no prior.
         scale: unit of theta for quantities of either sign.
         flat: half the length in theta of the prior's flat part.
-        nuisance: whether it is no unknown of interest, but one whose prior says how well it is known already.
+        nuisance: whether it is not of interest in itself, but uncertain within its prior.
     """
 
     paths: tuple[str, ...] = eqx.field(static=True)
@@ -52,7 +52,7 @@ class Parameter(eqx.Module):
         nuisance: bool = False,
     ):
         self.paths, self.positive, self.nuisance = paths, positive, nuisance
-        # arrays, so that other values need no new compilation
+        # arrays, so that new values need no new compilation
         self.start, self.centre, self.prior_sd, self.scale, self.flat = (
             np.asarray(x, float) for x in (start, centre, prior_sd, scale, flat)
         )
@@ -76,7 +76,7 @@ class Parameters(eqx.Module):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Where the unknowns sit in the model, ties spelled out."""
+        """Paths of the unknowns in the model, ties spelled out."""
         return tuple(path for item in self.items for path in item.paths)
 
     def column(self, field: str) -> Float[AnyArray, "P"]:
@@ -86,7 +86,7 @@ class Parameters(eqx.Module):
 
     @property
     def theta_start(self) -> np.ndarray:
-        """Theta that the fit starts from."""
+        """Starting theta of the fit."""
         return np.asarray(self.theta(self.column("start")))
 
     @property
@@ -103,7 +103,7 @@ class Parameters(eqx.Module):
         """Return the unconstrained coordinates of physical values."""
         positive, scale = self._aligned(values)
         xp = library(values, scale)
-        with np.errstate(divide="ignore", invalid="ignore"):  # as in jax: a value that can't be has no theta
+        with np.errstate(divide="ignore", invalid="ignore"):  # as in jax: an impossible value has no theta
             return xp.where(positive, xp.log(xp.where(positive, values, 1.0)), values / scale)
 
     def values(self, theta: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
@@ -122,7 +122,7 @@ class Parameters(eqx.Module):
         return self.prior(theta.ndim).residuals(theta)
 
     def log_prior(self, theta: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "*batch"]:
-        """Return the logarithm of the prior density of theta; parameters without a prior count nothing."""
+        """Return the logarithm of the prior density of theta; parameters without a prior contribute nothing."""
         _, sd, flat = self.prior(1)
         mass = jnp.where(jnp.isfinite(sd), 2 * flat + sd * math.sqrt(2 * math.pi), 1.0)
         return -(self.prior_residuals(theta)[0] ** 2).sum(0) / 2 - jnp.log(mass).sum()
@@ -143,7 +143,7 @@ class Parameters(eqx.Module):
 
     @property
     def nuisance(self) -> np.ndarray:
-        """Which are no unknowns of interest."""
+        """Which parameters are nuisances."""
         return np.array([item.nuisance for item in self.items], bool)
 
     @property
@@ -174,7 +174,7 @@ class Prior(NamedTuple):
     flat: AnyArray
 
     def residuals(self, theta: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Return their residuals and the slopes of these by theta, see `Parameters.prior_residuals`."""
+        """Return the residuals and their slopes by theta, see `Parameters.prior_residuals`."""
         off = theta - self.centre
         xp = library(off)
         beyond = xp.sign(off) * xp.maximum(xp.abs(off) - self.flat, 0.0)
@@ -182,5 +182,5 @@ class Prior(NamedTuple):
 
 
 def library(*arrays: Any) -> Any:
-    """Return NumPy where all is NumPy's, for there each operation of jax would be a program of its own; else jax."""
+    """Return NumPy if all arrays are NumPy's, as each jax operation would be a program of its own there; else jax."""
     return np if all(isinstance(x, np.ndarray) for x in arrays) else jnp

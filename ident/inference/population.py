@@ -1,16 +1,16 @@
-"""Many posteriors, one population: who stands out in a fleet, then mean and spread of each parameter over the others.
+"""Many posteriors, one population: outliers of a fleet, then mean and spread of each parameter over the other robots.
 
-Who stands out is judged first, each robot against the others (`deviations`), with a chance of false alarm for the
-whole fleet. What stands out is off in the population, and so does not widen it. Each parameter theta_rj of robot r,
-mostly the logarithm of a stiffness, is healthy with probability 1 - share, normal about mean_j with sd_j, or else off,
-normal about the same mean with the width `FAULT`: a fault too small to stand out does not widen the population either
-(the mixture for outliers of Hogg, Bovy and Lang, 2010, arXiv:1008.4686, equation 17).
+First each robot is judged against the others (`deviations`), with one false-alarm probability for the whole fleet. A
+significant deviation counts as a fault, and so does not widen the population. Each parameter theta_rj of robot r,
+mostly the logarithm of a stiffness, is healthy with probability 1 - share: normal about mean_j with sd_j. Otherwise it
+is faulty: normal about the same mean with the width `FAULT`. So a fault too small to be significant does not widen the
+population either (mixture for outliers of Hogg, Bovy and Lang, 2010, arXiv:1008.4686, equation 17).
 
-In two stages (Lunn, Barrett, Sweeting and Thompson, 2013, J. R. Stat. Soc. C 62, 551): each robot's posterior under a
-wide interim prior first, then the population from these with the interim prior divided out. Of a normal approximation
-that is algebra (`Likelihood`), exact for it; draws (`Draws`) are importance weighted (Hogg, Myers and Bovy, 2010,
-Astrophys. J. 725, 2166, equation 9). Draws under a wide prior fail where they matter, as few fall where the population
-is: they are made under the population that is known by then, and made again where their weights can't be trusted.
+There are two stages (Lunn, Barrett, Sweeting and Thompson, 2013, J. R. Stat. Soc. C 62, 551): first each robot's
+posterior under a wide interim prior, then the population from these with the interim prior divided out. For a normal
+approximation (`Likelihood`) the division is exact algebra; draws (`Draws`) are importance weighted (Hogg, Myers and
+Bovy, 2010, Astrophys. J. 725, 2166, equation 9). Under a wide prior too few draws fall into the population: so robots
+are drawn under the current population, and drawn again if their weights cannot be trusted.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,23 +23,23 @@ from jaxtyping import Bool, Float
 from scipy.special import gammaincc, gammainccinv, ndtr, ndtri
 
 # -------- Population chains
-# The chains behind a population: what a robot is known by, and Gibbs steps over fleet and robots together.
+# The chains behind a population: likelihoods or draws of the robots, and Gibbs steps over fleet and robots together.
 
 FAULT = 0.5
-"""Width in theta of what is off: a factor of 1.6. A population's sd is below it, uniform before the data (Gelman, 2006,
-Bayesian Analysis 1, 515: of a hierarchical sd)."""
+"""Width of the fault density in theta: a factor of 1.6. A population's sd is below it, with a uniform prior (Gelman,
+2006, Bayesian Analysis 1, 515, on hierarchical sds)."""
 SHARE = (1.0, 49.0)
-"""Beta prior of the share that is off: one parameter in fifty, worth as many as that."""
+"""Beta prior of the share of faulty parameters: one in fifty, with the weight of fifty parameters."""
 CHAINS = 4
 
 
 @dataclass(frozen=True)
 class Likelihood:
-    """What one robot's data say, by a normal approximation in theta: exp(-theta' precision theta / 2 + shift' theta).
+    """Likelihood of one robot, as a normal approximation in theta: exp(-theta' precision theta / 2 + shift' theta).
 
     Attributes:
-        precision: (P, P) singular along directions that the data leave open.
-        shift: (P,) precision times the theta that fits best.
+        precision: (P, P) singular along directions that the data do not determine.
+        shift: (P,) precision times the best-fitting theta.
     """
 
     precision: Float[np.ndarray, "P P"]
@@ -48,13 +48,13 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class Draws:
-    """What one robot's data say, by draws from a known density.
+    """Likelihood of one robot, as draws from a known density.
 
     Attributes:
         theta: (n, P)
-        log_prior: (n,) logarithm at each of that density over the likelihood, up to a constant: of draws from a
-            posterior its prior's.
-        normal: the normal approximation that takes their place where their weights can't be trusted.
+        log_prior: (n,) logarithm of that density over the likelihood at each draw, up to a constant: for draws from a
+            posterior, the log prior.
+        normal: the normal approximation that replaces them if their weights cannot be trusted.
     """
 
     theta: Float[np.ndarray, "n P"]
@@ -67,12 +67,12 @@ Robot = Likelihood | Draws
 
 @dataclass(frozen=True)
 class Under:
-    """A population's density, under which a robot is drawn: normal, or off with the width `FAULT`.
+    """A population's density, under which a robot is drawn: healthy, or faulty with the width `FAULT`.
 
     Attributes:
         mean: (P,) in theta.
-        sd: (P,) of the healthy.
-        share: that is off.
+        sd: (P,) of healthy robots.
+        share: of faulty parameters.
     """
 
     mean: Float[np.ndarray, "P"]
@@ -85,14 +85,14 @@ class Under:
 
 
 def log_parts(theta: np.ndarray, mean: np.ndarray, sd: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the log densities of being theta and healthy, and of being theta and off, less ln sqrt(2 pi)."""
+    """Return the log densities of a healthy theta and of a faulty theta, less ln sqrt(2 pi)."""
     away = theta - mean
     healthy = np.log1p(-share) - np.log(sd) - (away / sd) ** 2 / 2
     return healthy, np.log(share) - np.log(FAULT) - (away / FAULT) ** 2 / 2
 
 
 class Chains:
-    """Gibbs chains over means, spreads, share, each robot's theta and what is off; `(chain, robot, parameter)`."""
+    """Gibbs chains over means, spreads, share, each robot's theta and its fault flags; `(chain, robot, parameter)`."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class Chains:
         self.off = np.tile(self.known_off, (CHAINS, 1, 1))
         self.theta = np.zeros((CHAINS, len(robots), count))
         self.weighed = list(self.drawn)
-        # the draws of all robots side by side, and a start at one of each
+        # the draws of all robots in one array, and a start at one draw of each
         self.counts = np.array([len(each.theta) for each in self.drawn.values()], int)
         most = self.counts.max(initial=0)
         self.draws = np.zeros((len(self.counts), most, count))
@@ -129,7 +129,7 @@ class Chains:
         self.at = self.log_prior[np.arange(len(self.counts)), start]
 
     def step(self) -> None:
-        """Draw everything once, each part given the others."""
+        """Draw each block once, given the others."""
         self._exact()
         self._among_the_draws()
         self._what_is_off()
@@ -144,7 +144,7 @@ class Chains:
         return np.where(self.off, FAULT, self.sd[:, None])
 
     def _exact(self) -> None:
-        """Draw the theta of robots whose likelihood is normal."""
+        """Draw theta of the robots with a normal likelihood."""
         if not self.exact:
             return
         weight = self._width()[:, self.exact] ** -2
@@ -172,7 +172,7 @@ class Chains:
         self.at = np.where(taken, log_prior, self.at)
 
     def _log_density(self, theta: np.ndarray) -> np.ndarray:
-        """Return the log density of each drawn robot's theta; what is known to be off can't be healthy."""
+        """Return the log density of each drawn robot's theta; known faults keep the wide density."""
         healthy, off = log_parts(theta, self.mean[:, None], self.sd[:, None], self.share[:, None, None])
         return np.where(self.known_off[self.weighed], off, np.logaddexp(healthy, off))
 
@@ -197,10 +197,10 @@ class Chains:
         self.sd = np.minimum(np.sqrt(half / np.maximum(drawn, 1e-300)), FAULT)
 
     def _along_with_robots(self) -> None:
-        """Move each mean, then each spread, with the robots moving along: (theta - mean) / width is held.
+        """Move each mean, then each spread, together with the robots, at constant (theta - mean) / width.
 
-        Where data say little of single robots, a spread can't move against their theta (interweaving: Yu and Meng,
-        2011, J. Comput. Graph. Stat. 20, 531). The density along a move is normal, of a spread within its bounds.
+        With weak data on single robots, a spread cannot move against their theta (interweaving: Yu and Meng, 2011,
+        J. Comput. Graph. Stat. 20, 531). The density along a move is normal, for a spread within its bounds.
         """
         healthy = ~self.off
         for j in range(len(self.prior_mean)):
@@ -212,7 +212,7 @@ class Chains:
             self.theta[..., j] += move[:, None] * of_sd
 
     def _move(self, j: int, direction: np.ndarray, is_mean: bool) -> np.ndarray:
-        """Draw how far the mean or the spread of parameter j moves, with theta_j moving along this direction."""
+        """Draw the move of the mean or the spread of parameter j, with theta_j moving along this direction."""
         slope = self.shift[:, j] - np.einsum("rp,crp->cr", self.precision[:, j], self.theta)
         gradient = (direction * slope).sum(1)
         precision = (direction**2 * self.precision[:, j, j]).sum(1)
@@ -223,7 +223,7 @@ class Chains:
         sd = self.sd[:, j]
         precision = np.maximum(precision, 1e-12)
         centre, width = gradient / precision, 1 / np.sqrt(precision)
-        sign = np.where(centre > 0, -1.0, 1.0)  # in the tail where ndtr keeps its digits
+        sign = np.where(centre > 0, -1.0, 1.0)  # the tail in which ndtr keeps its digits
         ends = np.sort(sign * np.stack([(1e-9 - sd - centre) / width, (FAULT - sd - centre) / width]), 0)
         low, high = ndtr(ends)
         drawn = sign * ndtri(low + self.rng.uniform(size=CHAINS) * (high - low))
@@ -235,45 +235,45 @@ class Chains:
 
 WARM_UP, STEPS = 500, 1500
 STEPS_OF_DRAWS = 4
-"""Times as many steps where robots are known by draws, of which a step moves but some."""
+"""Factor on the number of steps if robots are given as draws, as a step moves only some of these robots."""
 LARGEST_K, LEAST_EFFECTIVE = 0.7, 200.0
 """Pareto k (Vehtari, Simpson, Gelman, Yao and Gabry, 2024, J. Mach. Learn. Res. 25, 72) above which, and effective
-draws below which, weights can't be trusted."""
+draws below which, weights cannot be trusted."""
 ROUNDS = 3
-"""Times that a robot is drawn."""
+"""Most times that a robot is drawn."""
 WIDER, LEAST_SHARE = 2.0, 0.05
-"""Factor on the population's spread under which it is drawn again, and share that is off there at least."""
+"""For drawing a robot again: factor on the population's spread, and least share of faulty parameters."""
 FALSE_ALARM = 0.03
-"""Chance that anything stands out in a fleet of healthy robots: below the 5 % that are wanted, as spreads that are very
-unlike take it up to 5 % (tests/benchmarks/README.md)."""
+"""False-alarm probability of a healthy fleet: below the nominal 5 %, as very unequal spreads raise it up to 5 %
+(tests/benchmarks/README.md)."""
 SPREADS = (0.003, 1.0)
-"""Spreads [theta] between which a population's is searched."""
+"""Range [theta] of the search for a population's spread."""
 TYPICAL, UNLIKE = (0.01, 0.5), 0.5
-"""Prior of the spreads of one design's parameters, assumed: log-normal about one typical spread between these, with a
-standard deviation of their logarithms that is half-normal with this width."""
+"""Prior of the spreads of one design's parameters, assumed: log-normal about one typical spread in this range; the
+standard deviation of their logarithms is half-normal with this width."""
 GRID = 60
-"""Values of a spread over which it is integrated."""
+"""Grid points of the integration over a spread."""
 HIDDEN, FEW = 2, 60
-"""Robots that may be off among those that another one is compared with, so that they hide each other, and robots above
-which that is not looked for: they hide nothing."""
+"""Most faulty robots in a reference that can mask each other, and the fleet size above which masking is negligible and
+not searched for."""
 SETTLING = 3
-"""Rounds between a population and what each parameter's data say in its light."""
+"""Iterations between the population and each parameter's estimate given the population."""
 DOUBTED = 0.01
-"""p value below which another parameter of the same robot is judged as if this one could be anything."""
+"""p value below which this parameter is left free when another parameter of the same robot is judged."""
 FAR = 18.0
-"""Logarithm of a spread's likelihood against the best one's, from which on it is none."""
+"""Fall of the log likelihood below its maximum beyond which a spread counts as impossible."""
 
 
 @dataclass(frozen=True)
 class Deviations:
-    """Each robot judged against the others.
+    """Deviation of each robot from the others.
 
     Attributes:
-        difference: (R, P) own value less the other robots' mean [theta]; 0 where its data say nothing.
+        difference: (R, P) own value less the other robots' mean [theta]; 0 without information in its data.
         sd: (R, P) standard deviation of that difference for a healthy robot.
-        p: (R, P) chance that a healthy robot differs as far either way; 1 where its data say nothing.
-        named: places (robot, parameter) of what stands out, the clearest first.
-        chance: of each of these, the chance that any parameter of a healthy fleet differs as far.
+        p: (R, P) two-sided p value for a healthy robot; 1 without information in its data.
+        named: (robot, parameter) of each significant deviation, the clearest first.
+        chance: probability, for each of these, that any parameter of a healthy fleet deviates as far.
     """
 
     difference: Float[np.ndarray, "R P"]
@@ -284,7 +284,7 @@ class Deviations:
 
     @property
     def off(self) -> Bool[np.ndarray, "R P"]:
-        """Tell what stands out."""
+        """Which parameters deviate significantly."""
         off = np.zeros(self.p.shape, bool)
         for place in self.named:
             off[place] = True
@@ -293,7 +293,7 @@ class Deviations:
 
 @dataclass(frozen=True)
 class Weights:
-    """How well the weights of a robot's draws can be trusted.
+    """Reliability of the importance weights of a robot's draws.
 
     Attributes:
         k: Pareto k.
@@ -313,18 +313,18 @@ class Weights:
 
 @dataclass(frozen=True)
 class Population:
-    """A population, by draws of its numbers, and each robot in its light.
+    """Draws of a population's parameters, and each robot's estimate given the population.
 
     Attributes:
         mean: (n, P) draws of the means in theta.
         sd: (n, P) draws of the healthy robots' standard deviations.
-        share: (n,) draws of the share of parameters that are off.
+        share: (n,) draws of the share of faulty parameters.
         robot_mean: (R, P) shrunk estimates in theta: posterior means by the robot's own data and the fleet.
         robot_sd: (R, P) their standard deviations.
-        off: (R, P) probability that a parameter of a robot is off.
-        r_hat: largest over means and spreads: 1 where the chains agree.
-        weights: by robot's number, of those that are, or were, known by draws.
-        normal: numbers of robots that are taken by a normal approximation.
+        off: (R, P) probability that a parameter of a robot is faulty.
+        r_hat: largest over means and spreads; 1 if the chains agree.
+        weights: by robot index, for robots that are, or were, given as draws.
+        normal: indices of robots in normal approximation.
     """
 
     mean: Float[np.ndarray, "n P"]
@@ -339,12 +339,12 @@ class Population:
 
     @property
     def log_likelihood_variance(self) -> float:
-        """Monte Carlo variance of the population's log-likelihood by weights; shall be below 1."""
+        """Monte Carlo variance of the population's log-likelihood from the weights; should be below 1."""
         return float(sum(each.variance for each in self.trusted))
 
     @property
     def trusted(self) -> tuple[Weights, ...]:
-        """The weights of the robots that are known by draws."""
+        """Weights of the robots given as draws."""
         return tuple(each for r, each in self.weights.items() if int(r) not in self.normal)
 
     @property
@@ -354,12 +354,12 @@ class Population:
 
     @property
     def next_sd(self) -> Float[np.ndarray, "P"]:
-        """Standard deviation in theta of the next healthy robot: the spread, and how uncertain its centre is."""
+        """Standard deviation in theta of the next healthy robot: spread and uncertainty of the mean."""
         return np.sqrt(np.square(self.sd).mean(0) + self.mean.var(0))
 
 
 Redraw = Callable[[Sequence[int], Under], Sequence[Draws | None]]
-"""Draws the robots of these numbers under a population; None for one of which that is not possible."""
+"""Draws the robots of these indices under a population; None for a robot that cannot be drawn."""
 
 
 def population(
@@ -372,17 +372,17 @@ def population(
     redraw: Redraw | None = None,
     steps: int = STEPS,
 ) -> Population:
-    """Infer a population from what is known of each robot.
+    """Infer a population from the likelihood of each robot.
 
     Args:
-        robots: three at least, each by its likelihood or by draws.
+        robots: at least three, each as a normal likelihood or as draws.
         prior_mean: in theta, of the population's means.
         prior_sd: of the same.
         seed: of the chains.
-        off: what is known to be off, see `deviations`.
-        redraw: draws each robot that is known by a normal approximation, or whose weights can't be trusted; without,
-            normal approximations do.
-        steps: of each chain that are kept, where no robot is known by draws.
+        off: known faults, see `deviations`.
+        redraw: draws each robot in normal approximation, or with weights that cannot be trusted; without it, the normal
+            approximations stay.
+        steps: kept steps of each chain if no robot is given as draws.
     """
 
     def sampled(robots: tuple[Robot, ...], seed: int) -> Population:
@@ -393,7 +393,7 @@ def population(
     for attempt in range(ROUNDS):
         if not unsound or redraw is None:
             break
-        # widened, so that all that the population may yet turn out to be is drawn from
+        # widened to cover what the population may become in the next round
         sd = np.minimum(WIDER * np.exp(np.log(result.sd).mean(0)), FAULT)
         under = Under(result.next_mean, sd, max(float(result.share.mean()), LEAST_SHARE))
         drawn = dict(zip(unsound, redraw(unsound, under), strict=True))
@@ -411,7 +411,7 @@ def _unsound(result: Population, robots: Iterable[int]) -> list[int]:
 
 
 def weighed(draws: Draws, under: Under) -> Weights:
-    """Say how well the weights of a robot's draws can be trusted under a population."""
+    """Return the reliability of a robot's importance weights under a population."""
     import arviz  # takes a second to import
 
     smoothed, k = arviz.psislw(under.log_density(draws.theta) - draws.log_prior)
@@ -420,7 +420,7 @@ def weighed(draws: Draws, under: Under) -> Weights:
 
 
 def _sampled(chains: Chains, steps: int) -> Population:
-    """Let chains run, and return the population that they have drawn."""
+    """Run the chains, and return the population from their draws."""
     import arviz
 
     longer = STEPS_OF_DRAWS if chains.drawn else 1
@@ -453,23 +453,23 @@ def deviations(
     prior_sd: Float[np.ndarray, "P"],
     false_alarm: float = FALSE_ALARM,
 ) -> Deviations:
-    """Judge each robot against the others, and name what stands out.
+    """Judge each robot against the others, and name the significant deviations.
 
-    Robot r's parameter j is compared with what the other robots let expect: given their spread tau_j, normal with
-    the variance tau_j^2 + s_rj^2 + var(mean_j), s_rj by its own data and mean_j by theirs. Integrated over the
-    posterior of tau_j that is a t test which knows the errors of the data, and learns from the other parameters what
-    spreads this design has (a moderated t test: Smyth, 2004, Stat. Appl. Genet. Mol. Biol. 3, 3).
+    Parameter j of robot r is compared with its prediction from the other robots: given their spread tau_j, normal with
+    the variance tau_j^2 + s_rj^2 + var(mean_j), s_rj from its own data and mean_j from theirs. Integrated over the
+    posterior of tau_j this is a t test that includes the errors of the data and learns the design's spreads from the
+    other parameters (a moderated t test: Smyth, 2004, Stat. Appl. Genet. Mol. Biol. 3, 3).
 
-    The smallest p value is judged first, against the chance of a false alarm over the number of them (Holm, 1979,
-    Scand. J. Stat. 6, 65). What stands out is left out of all references, and the rest is judged again: a fault makes
-    no healthy robot look odd, and hides no smaller one. Two or three that are alike would hide each other: so the
-    reference is a mixture over which of the farthest others are off, as rare and as wide as in the population.
+    The smallest p value is judged first, against the false-alarm probability over the number of tests (Holm, 1979,
+    Scand. J. Stat. 6, 65). A significant value leaves all references, and the rest is judged again: so a fault makes no
+    healthy robot look faulty, and masks no smaller one. Two or three similar faults would mask each other: so the
+    reference is a mixture over which of the farthest others are faulty, as rare and as wide as in the population.
 
     Args:
-        robots: three at least.
-        prior_mean: in theta, from which the population is searched.
+        robots: at least three.
+        prior_mean: in theta, start of the search for the population.
         prior_sd: of the same.
-        false_alarm: chance that anything stands out in a fleet of healthy robots.
+        false_alarm: probability of any significant deviation in a healthy fleet.
     """
     precision, shift = np.array([each.precision for each in robots]), np.array([each.shift for each in robots])
     own = np.linalg.solve(precision + np.diag(prior_sd**-2.0), (shift + prior_mean / prior_sd**2)[..., None])[..., 0]
@@ -485,7 +485,7 @@ def deviations(
             difference, sd, p = (np.where(off, *each) for each in zip((difference, sd, p), judged, strict=True))
         tested = np.where(off, 1.0, p)
         corrected = tested * (tested < 1.0).sum()
-        # The clearest of its robot and of its parameter: these tell nothing of each other.
+        # The clearest of its robot and of its parameter: such deviations are independent of each other.
         clearest = (tested == tested.min(0)) & (tested == tested.min(1, keepdims=True))
         found = np.argwhere(clearest & (tested < 1.0) & (corrected <= false_alarm))
         if not len(found):
@@ -502,9 +502,9 @@ def _of_each_parameter(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return each robot's own value of each parameter and its precision, (R, P), the others integrated out.
 
-    These are normal about the population's mean with a width, (R, P). Precision 0 where the data say nothing.
+    The others are normal about the population's mean with a width, (R, P). Precision 0 without information in the data.
     """
-    weight = 1 / (width**2 * (1 + 1 / len(width)))  # the population's mean is known as well as the robots are many
+    weight = 1 / (width**2 * (1 + 1 / len(width)))  # the mean's variance falls with the number of robots
     covariance = np.linalg.inv(precision + weight[..., None] * np.eye(len(mean)))
     variance = np.einsum("rpp->rp", covariance)
     centre = np.einsum("rpq,rq->rp", covariance, shift + weight * mean)
@@ -521,7 +521,7 @@ def _by_the_others(
     Args:
         value: (R, P) own values.
         known: (R, P) their precision.
-        off: (R, P) what is left out.
+        off: (R, P) values to leave out.
     """
     used = (known > 0) & ~off
     middle = np.array([np.median(own[some]) if some.any() else 0.0 for own, some in zip(value.T, used.T, strict=True)])
@@ -554,7 +554,7 @@ def _by_the_others(
 
 
 def _suspects(away: np.ndarray, own: np.ndarray, used: np.ndarray) -> list[np.ndarray]:
-    """Return sets of the farthest robots of each parameter that may be off together, (size, P) each: none, one, two."""
+    """Return the sets of robots that may be faulty together, farthest first, (size, P) each: none, one, two."""
     count = len(away)
     most = min(HIDDEN, (count - 2) // 3) if count <= FEW else 0
     scale = np.median(np.abs(away), 0) + 1e-3
@@ -565,12 +565,12 @@ def _suspects(away: np.ndarray, own: np.ndarray, used: np.ndarray) -> list[np.nd
 
 
 class _Reference(NamedTuple):
-    """What some robots say of a population's mean, for each set of others that are off and each spread of a grid.
+    """Some robots' posterior of a population's mean, for each set of faulty others and each spread of a grid.
 
     Attributes:
-        log_evidence: (C, ..., P, G) logarithm of the likelihood of both, the mean integrated out.
-        mean: (C, ..., P, G) of the mean.
-        variance: (C, ..., P, G) of the same.
+        log_evidence: (C, ..., P, G) log likelihood of set and spread, the mean integrated out.
+        mean: (C, ..., P, G) posterior mean of the population's mean.
+        variance: (C, ..., P, G) its variance.
     """
 
     log_evidence: np.ndarray
@@ -579,13 +579,13 @@ class _Reference(NamedTuple):
 
 
 class _Values(NamedTuple):
-    """Each robot's own values, as the others are compared with them.
+    """Each robot's own values, for the comparison with the others.
 
     Attributes:
-        away: (R, P) from their middle.
+        away: (R, P) offset from the robots' centre.
         variance: (R, P) by the robot's data.
-        used: (R, P) whether a value tells of the population.
-        sets: (size, P) robots each that may be off, so that they can't hide each other.
+        used: (R, P) whether a value belongs to the reference.
+        sets: (size, P) robots each that may be faulty together, so that they cannot mask each other.
     """
 
     away: np.ndarray
@@ -610,8 +610,8 @@ class _Values(NamedTuple):
         return whole, others
 
     def _reference(self, sums: np.ndarray, off: np.ndarray) -> _Reference:
-        """Return the information of robots of these sums, (4, ..., P, G), and some that are off, (size, P)."""
-        weight = np.maximum(sums[1], 1e-12)  # of a parameter that no robot's data tell of
+        """Return the reference of robots with these sums, (4, ..., P, G), given the faulty ones, (size, P)."""
+        weight = np.maximum(sums[1], 1e-12)  # for a parameter without information in any robot's data
         mean = sums[2] / weight
         log_evidence = -(sums[0] + np.log(weight) + np.maximum(sums[3] - weight * mean**2, 0.0)) / 2
         each = np.arange(off.shape[1])
@@ -622,7 +622,7 @@ class _Values(NamedTuple):
 
 
 def _prior_of_spreads(log_evidence: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Return the density of each parameter's spread by those of the other parameters, (P, G), up to a factor."""
+    """Return the prior density of each parameter's spread from the other parameters' spreads, (P, G), unnormalised."""
     low, high = np.log(TYPICAL)
     typical, unlike = map(np.ravel, np.meshgrid(np.linspace(low, high, 25), np.linspace(0.1, 3 * UNLIKE, 15)))
     density = np.exp(-(((grid[..., None] - typical) / unlike) ** 2) / 2) / unlike

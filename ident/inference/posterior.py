@@ -21,7 +21,7 @@ from ident.programs import jit
 from ident.text import did_you_mean
 
 PREFIX = "noise."
-"""What the names of noise scales begin with; a kind of measurement follows."""
+"""Prefix of the names of noise scales; the kind of measurement follows."""
 NOISE_SD = 1.0
 """Width of the log-normal prior of a noise scale about 1: 95 % within a factor of 7."""
 
@@ -68,7 +68,7 @@ class Evaluated(NamedTuple):
     """The posterior at some points.
 
     Attributes:
-        log_likelihood: (n,) -inf where the model has no answer.
+        log_likelihood: (n,) -inf where the model has no solution.
         log_prior: (n,)
         predicted: (D, n) predictions [SI].
         scale: (D, n) factors on sigma.
@@ -89,7 +89,7 @@ def posterior(problem: InverseProblem, noise: Sequence[str] = ()) -> Posterior:
     """Return the posterior of a problem, with the noise of these kinds of measurement known up to a factor.
 
     Raises:
-        InputError: nothing of that kind was measured, or a parameter on which neither prior nor data bear.
+        InputError: no measurement of that kind, or a parameter on which neither prior nor data have information.
     """
     for kind in noise:
         if kind not in problem.kinds:
@@ -106,16 +106,16 @@ def evaluate(
     batch: int,
     run: Callable[..., Iterable[Any]] = map,
 ) -> Any:
-    """Evaluate a posterior, or one without some of its unknowns, at many points, compiled once for this size of batch.
+    """Evaluate a posterior, whole or marginal, at many points, compiled once for this size of batch.
 
     Args:
         density: the posterior.
-        points: where.
-        batch: points that are evaluated together.
-        run: evaluates the batches; `map`, or a pool's for several at the same time.
+        points: of evaluation.
+        batch: points evaluated together.
+        run: evaluates the batches; `map`, or a pool's `map` for several at the same time.
 
     Returns:
-        What its `evaluate` returns: arrays whose last axis is that of the points.
+        The results of its `evaluate`: arrays with the points along the last axis.
     """
     missing = -len(points) % batch
     padded = np.concatenate([points, np.repeat(points[-1:], missing, 0)]).T
@@ -133,28 +133,28 @@ def _evaluate(density: Any, points: Float[Array, "P batch"]) -> Any:
 
 
 # -------- Linear marginal
-# Nuisances that act almost linearly, integrated out of a posterior and drawn again afterwards.
+# Nuisances with an almost linear effect, integrated out of a posterior and drawn again afterwards.
 
 TRIED = 8
 """Points of the posterior at which the nuisances' derivatives are computed again."""
 MOVED = 0.1
-"""Standard deviations by which that may move the mean of an unknown: beyond, the nuisance is sampled; assumed."""
+"""Largest effect of that on the mean of an unknown [its sd]; beyond it the nuisance is sampled; assumed."""
 
 
 class LinearMarginal(eqx.Module):
-    """A posterior without some of its nuisances: as if they scattered the data, with covariance C + G P G'.
+    """A posterior with some nuisances integrated out: they add to the scatter of the data, covariance C + G P G'.
 
-    About the optimum the scaled residuals are u + B d, with d the nuisances' distance from where they are there, and u
-    the residuals at d = 0 and given other unknowns; their priors cost (d + a)' L (d + a) / 2, L diagonal, zero for one
-    without a prior. With A = B' B + L and g = B' u + L a, the integral over d of likelihood times priors is, but for
-    constants, exp(-(u'u + a'L a - g' A^-1 g) / 2) (Woodbury), and d given the rest is normal, of mean -A^-1 g and
+    Near the optimum the scaled residuals are u + B d, with d the nuisances' offset from their optimum, and u the
+    residuals at d = 0 given the other unknowns; their priors cost (d + a)' L (d + a) / 2, L diagonal, zero for one
+    without a prior. With A = B' B + L and g = B' u + L a, the integral over d of likelihood times priors is, up to
+    constants, exp(-(u'u + a'L a - g' A^-1 g) / 2) (Woodbury); d given the rest is normal with mean -A^-1 g and
     covariance A^-1.
 
     Attributes:
         posterior: the whole posterior.
-        names: of the nuisances that are integrated out.
+        names: of the integrated nuisances.
         at: (p,) their theta at the optimum.
-        a: (p,) by how much that is off the centres of their priors.
+        a: (p,) offset of `at` from the centres of their priors.
         L: (p,) precision of their priors.
         B: (D, p) derivative of the scaled residuals by them.
         R: (p, p) inverse of the Cholesky factor of A, so that A^-1 = R' R.
@@ -180,11 +180,11 @@ class LinearMarginal(eqx.Module):
 
     @property
     def itself(self) -> "LinearMarginal":
-        """What is evaluated."""
+        """The density to evaluate."""
         return self
 
     def evaluate(self, theta: Float[Array, "Q batch"]) -> "GivenOthers":
-        """Return the density without the nuisances, and what they are drawn from."""
+        """Return the density without the nuisances, and the inputs for drawing them."""
         problem, out = self.posterior.problem, self.integrated
         whole = jnp.zeros((len(out), theta.shape[1])).at[np.flatnonzero(~out)].set(theta)
         at = self.posterior.evaluate(whole.at[np.flatnonzero(out)].set(jnp.asarray(self.at)[:, None]))
@@ -198,7 +198,7 @@ class LinearMarginal(eqx.Module):
         return GivenOthers(value + self.parameters.log_prior(theta), value, g)
 
     def columns(self, at: "GivenOthers") -> Float[np.ndarray, "n columns"]:
-        """Return the log density, and what `completed` needs, a row for each point."""
+        """Return the log density, and the inputs of `completed`, a row for each point."""
         return np.concatenate([at.log_density[None], at.log_likelihood[None], at.g]).T
 
     def completed(
@@ -206,7 +206,7 @@ class LinearMarginal(eqx.Module):
     ) -> tuple[Float[np.ndarray, "n P"], Float[np.ndarray, "n"]]:
         """Draw the nuisances given the other unknowns; return all unknowns and the log density of the whole posterior.
 
-        The density is that of the linear model, by which they are drawn.
+        The density is that of the linear model, as are the draws.
         """
         out, noise = self.integrated, rng.standard_normal((len(theta), len(self.names)))
         R = np.asarray(self.R)
@@ -220,9 +220,9 @@ class GivenOthers(NamedTuple):
     """A posterior without some nuisances at some points.
 
     Attributes:
-        log_density: (n,) the nuisances integrated out; -inf where the model has no answer.
+        log_density: (n,) the nuisances integrated out; -inf where the model has no solution.
         log_likelihood: (n,) the same without the priors of the other unknowns.
-        g: (p, n) of which the nuisances' means are made.
+        g: (p, n) gives the nuisances' means, -A^-1 g.
     """
 
     log_density: Any
@@ -242,7 +242,7 @@ def linear_marginal(posterior: Posterior, optimum: Optimum, names: tuple[str, ..
 
 
 def linear_nuisances(fit: Fit, seed: int) -> tuple[str, ...]:
-    """Return the nuisances that act linearly enough to be integrated out, at draws about the answer of a fit."""
+    """Return the nuisances with a nearly linear effect, fit to be integrated out, by draws about a fit's answer."""
     parameters, covariance = fit.problem.parameters, fit.information.covariance
     names = tuple(item.name for item in parameters.items if item.nuisance)
     if not names or not np.isfinite(covariance).all():
@@ -256,16 +256,16 @@ def linear_nuisances(fit: Fit, seed: int) -> tuple[str, ...]:
 def moved(
     problem: InverseProblem, optimum: Optimum, names: tuple[str, ...], points: Float[np.ndarray, "n P"]
 ) -> Float[np.ndarray, "names"]:
-    """Return how far what is not linear in each nuisance would move the mean of an unknown [its sd].
+    """Return how far the nonlinearity of each nuisance would move the mean of an unknown [its sd].
 
-    With G' the derivative by a nuisance at a point of the posterior and dz how far it is off the optimum there, the
-    linear model misses about (G' - G) dz of the data, by which the others' optimum moves; the root mean square of that
-    over the points, of the unknown that moves farthest.
+    With G' the derivative by a nuisance at a point of the posterior and dz its offset from the optimum there, the error
+    of the linear model is about (G' - G) dz, which moves the others' optimum. The result is the rms of that move over
+    the points, for the unknown that moves farthest.
 
     Args:
         problem: model, data and unknowns.
-        optimum: where the model is linear.
-        names: of the nuisances that are tried.
+        optimum: point of linearisation.
+        names: of the nuisances to test.
         points: of the posterior.
     """
     parameters = problem.parameters
@@ -285,13 +285,13 @@ def _scaled(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> Float[np.
 
 
 # -------- Marginal
-# Discrepancy factors integrated out of a posterior, and drawn again afterwards: what is left is far less thin.
+# Discrepancy factors integrated out of a posterior, and drawn again afterwards: the marginal is far less thin.
 
 NODES, WEIGHTS = (x[:, None] for x in np.polynomial.hermite.hermgauss(32))
 STEPS = 12
 """Gauss-Newton steps, of at most one e-fold each, to the peak of a factor's density."""
 GRID = np.linspace(-6.0, 6.0, 81)
-"""Where a factor's distribution function is tabulated, in its standard deviations about the peak."""
+"""Abscissae of a factor's tabulated distribution function, in its standard deviations about the peak."""
 
 
 class Marginal(eqx.Module):
@@ -301,10 +301,10 @@ class Marginal(eqx.Module):
     standard deviations sigma, chi-squared is C - 2 B exp(u) + A exp(2 u) with A = sum(m^2 / sigma^2) and
     B = sum(m y / sigma^2). So the density given theta is that at factor 1 times the integral over u of
     exp(-(A (exp(2 u) - 1) - 2 B (exp(u) - 1)) / 2 - u^2 / (2 s^2)): Gauss-Hermite about its peak (Liu, Pierce, "A note
-    on Gauss-Hermite quadrature", Biometrika 81(3), 1994). Values of either sign and sigmas of any size are welcome.
+    on Gauss-Hermite quadrature", Biometrika 81(3), 1994). Values may have either sign and sigmas any size.
 
-    Where errors are correlated, m and y - (the predictions of other kinds) are made independent first. The integrals
-    over several factors are then no product, so that several ones are sampled like any other unknown.
+    If errors are correlated, m and y - (the predictions of other kinds) are whitened first. The integrals over several
+    factors then do not factorise, so that several factors are sampled like any other unknown.
 
     Attributes:
         posterior: the whole posterior.
@@ -327,7 +327,7 @@ class Marginal(eqx.Module):
         return Parameters(tuple(item for item, out in zip(items, self.integrated, strict=True) if not out))
 
     def evaluate(self, theta: Float[Array, "Q batch"]) -> "Integrated":
-        """Return the density without the factors, and what they are drawn from."""
+        """Return the density without the factors, and the inputs for drawing them."""
         problem = self.posterior.problem
         whole = jnp.zeros((len(self.integrated), theta.shape[1])).at[np.flatnonzero(~self.integrated)].set(theta)
         at = self.posterior.evaluate(whole)
@@ -349,7 +349,7 @@ class Marginal(eqx.Module):
 
     @property
     def itself(self) -> Any:
-        """The posterior where nothing is integrated out, whose program is compiled anyway; else this."""
+        """The posterior if nothing is integrated out, as its program is compiled anyway; else this marginal."""
         return self if self.integrated.any() else self.posterior
 
     @property
@@ -359,7 +359,7 @@ class Marginal(eqx.Module):
         return [item.prior_sd for item, out in zip(items, self.integrated, strict=True) if out]
 
     def columns(self, at: Any) -> Float[np.ndarray, "n columns"]:
-        """Return the log density and, with factors, what `completed` needs, a row for each point."""
+        """Return the log density and, with factors, the inputs of `completed`, a row for each point."""
         if not isinstance(at, Integrated):
             return np.asarray(at.log_density)[:, None]
         return np.concatenate([at.log_density[None], at.log_at_one[None], at.A, at.B]).T
@@ -371,7 +371,7 @@ class Marginal(eqx.Module):
 
         Args:
             theta: draws without the factors.
-            known: what `columns` says of them.
+            known: `columns` at these draws.
             rng: source of randomness.
         """
         whole, log_density = np.empty((len(theta), len(self.integrated))), known[:, :1].sum(1)
@@ -389,7 +389,7 @@ class Integrated(NamedTuple):
     """A posterior without its factors at some points.
 
     Attributes:
-        log_density: (n,) the factors integrated out; -inf where the model has no answer.
+        log_density: (n,) the factors integrated out; -inf where the model has no solution.
         log_likelihood: (n,) the same without the priors of the other unknowns.
         log_at_one: (n,) log density of the whole posterior with all factors 1.
         A: (K, n) sum of squared predictions over sigma, for each kind.
@@ -409,9 +409,9 @@ def _log_integrand(u: AnyArray, A: AnyArray, B: AnyArray, width: Any, xp: Any) -
 
 
 def _peak(A: AnyArray, B: AnyArray, width: Any, xp: Any) -> tuple[Any, Any]:
-    """Return where the integrand is largest, and the standard deviation of the normal that is tangent there."""
+    """Return the peak of the integrand, and the standard deviation of its normal approximation there."""
     alike = B > 0
-    weight = xp.where(alike, B**2 / A, 0.0)  # of the data's own ln(factor), as the prior's is width^-2
+    weight = xp.where(alike, B**2 / A, 0.0)  # precision of ln(factor) by the data; the prior's is width^-2
     u = xp.where(alike, xp.log(xp.where(alike, B / A, 1.0)), 0.0) * weight / (weight + width**-2)
     for _ in range(STEPS):
         e = xp.exp(u)

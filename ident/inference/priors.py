@@ -1,4 +1,4 @@
-"""What is known of a number before the data: log-normal, log-uniform, or a maker's catalogue."""
+"""Priors of a number before the data: log-normal, log-uniform, or from a maker's catalogue."""
 
 import math
 from dataclasses import dataclass
@@ -7,9 +7,9 @@ from ident.errors import placed, refusal
 from ident.text import quoted
 
 SHOULDER = 0.01
-"""Width in ln(value) of the edges of a log-uniform prior: smooth enough for a fit, narrow enough to be edges."""
+"""Width in ln(value) of the edges of a log-uniform prior: smooth enough for a fit, narrow enough for an edge."""
 CATALOGUE_TOLERANCE = 0.1
-"""Width in ln(value) beyond a catalogue's K1 and K3; assumed, for want of a figure in the makers' catalogues."""
+"""Width in ln(value) beyond a catalogue's K1 and K3; assumed, as the makers' catalogues give no figure."""
 FORMS = "log-normal:MEDIAN:SD, log-uniform:LOW:HIGH or catalogue:K1:K2:K3"
 
 
@@ -42,7 +42,7 @@ class Prior:
         """Return the prior that is flat in ln(value), with edges one percent wide.
 
         Raises:
-            InputError: nothing lies between the ends.
+            InputError: the range is empty.
         """
         if low == high:
             raise refusal("", f"log-uniform from {low:g} to {high:g}", "low < high", "give two ends")
@@ -52,16 +52,16 @@ class Prior:
     def catalogue(cls, *stiffnesses: float) -> "Prior":
         """Return the prior of a harmonic drive whose catalogue states K1, K2, K3 [N m/rad].
 
-        The drive stiffens with load from K1 to K3; which one acts is not known, so all between are as likely.
+        The drive stiffens with load from K1 to K3; as the acting value is unknown, all between are equally likely.
         """
         return cls(min(stiffnesses), max(stiffnesses), CATALOGUE_TOLERANCE)
 
     @classmethod
     def parse(cls, text: str) -> "Prior":
-        """Read a prior as the command line takes it, see `FORMS`.
+        """Read a prior in the command line's format, see `FORMS`.
 
         Raises:
-            InputError: it has another form, or numbers that no prior can have.
+            InputError: another format, or impossible numbers.
         """
         form, *words = text.split(":")
         make, count = {

@@ -1,4 +1,4 @@
-"""What inference needs of a model and of data, whatever the model: a predict function, values, sigmas, unknowns."""
+"""The interface of inference to any model and its data: a predict function, values, sigmas, unknowns."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -15,24 +15,24 @@ from ident.inference.parameters import AnyArray, Parameter, Parameters, library
 from ident.text import did_you_mean
 
 # -------- Correlation
-# Values whose errors are correlated, in groups: what is measured of them is made independent, group by group.
+# Values with correlated errors, in groups: their residuals are whitened group by group.
 #
 # With the correlation R of a group's errors and L L' = R, the numbers L^-1 (predicted - measured) / sigma are
 # independent with standard deviation 1 (whitening: generalised least squares, Aitken, Proc. R. Soc. Edinburgh 55,
 # 1936).
 
 OWN_MIN = 1e-4
-"""Least part of its standard deviation that an error has to itself, whatever others of its group are."""
+"""Least independent part of an error's standard deviation, given the other errors of its group."""
 
 
 class Block(eqx.Module):
     """Groups of one size.
 
     Attributes:
-        rows: (G, n) places of each group's values.
+        rows: (G, n) indices of each group's values.
         correlation: (G, n, n) of their errors.
-        whitening: (G, n, n) inverse of its Cholesky factor over the values that count; zero for the others.
-        log_det: (G,) half the logarithm of its determinant over these.
+        whitening: (G, n, n) inverse of its Cholesky factor over the fitted values; zero for the others.
+        log_det: (G,) half the logarithm of its determinant over the fitted values.
     """
 
     rows: Int[AnyArray, "G n"]
@@ -45,9 +45,9 @@ class Correlation(eqx.Module):
     """Which values have correlated errors, and how.
 
     Attributes:
-        single: (S,) places of the values that are in no group.
+        single: (S,) indices of the values without a group.
         blocks: groups, by size.
-        order: (D,) where each value is among the single ones and those of the blocks, one after the other.
+        order: (D,) index of each value in the sequence of single values, then those of the blocks.
     """
 
     single: Int[AnyArray, "S"]
@@ -55,19 +55,19 @@ class Correlation(eqx.Module):
     order: Int[AnyArray, "D"]
 
     def whiten(self, x: Float[AnyArray, "D *batch"]) -> Any:
-        """Return independent combinations, `(D, *batch)`, of what each value is off in its sigma: L^-1 x by group."""
+        """Return whitened combinations, `(D, *batch)`, of the residuals over sigma: L^-1 x by group."""
         return self._mixed(x, [block.whitening for block in self.blocks])
 
     def pull_back(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
-        """Return L'^-1 x for each group: what independent combinations say of each value, the adjoint of `whiten`."""
+        """Return L'^-1 x for each group: from whitened combinations back to values, the adjoint of `whiten`."""
         return np.asarray(self._mixed(x, [np.asarray(block.whitening).swapaxes(1, 2) for block in self.blocks]))
 
     def color(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
-        """Return L x for each group: correlated numbers of independent ones."""
+        """Return L x for each group: correlated numbers from independent ones."""
         return np.asarray(self._mixed(x, [np.linalg.cholesky(block.correlation) for block in self.blocks]))
 
     def _mixed(self, x: AnyArray, matrices: Sequence[AnyArray]) -> Any:
-        """Return the values of each group multiplied by its matrix, the others as they are."""
+        """Return the values of each group multiplied by its matrix, the others unchanged."""
         if not self.blocks:
             return x
         xp = library(x)
@@ -77,7 +77,7 @@ class Correlation(eqx.Module):
         return xp.concatenate(parts)[self.order]
 
     def inverse_among(self, places: Int[np.ndarray, "N K"]) -> Float[np.ndarray, "N K K"]:
-        """Return the elements of R^-1 that are between the values of each of several sets."""
+        """Return the elements of R^-1 between the values of each of several sets."""
         whitening = [np.asarray(block.whitening) for block in self.blocks]
         return self._elements(places, [np.einsum("gji,gjk->gik", W, W) for W in whitening])
 
@@ -86,7 +86,7 @@ class Correlation(eqx.Module):
         return self._elements(places[None], [np.asarray(block.correlation) for block in self.blocks])[0]
 
     def _elements(self, places: Int[np.ndarray, "N K"], matrices: Sequence[np.ndarray]) -> Float[np.ndarray, "N K K"]:
-        """Return the elements between the values of several sets of a matrix that is given group by group."""
+        """Return the elements of a block matrix, given group by group, between the values of several sets."""
         found = (places[:, :, None] == places[:, None]).astype(float)
         for block, matrix in zip(self.blocks, matrices, strict=True):
             rows = np.asarray(block.rows)
@@ -99,14 +99,14 @@ class Correlation(eqx.Module):
         return found
 
     def moved(self, source: Int[np.ndarray, "D"]) -> "Correlation":
-        """Return the same for values that come to other places, each with its error: place i gets that of source[i]."""
+        """Return the same for values moved to other rows, each with its error: row i gets that of source[i]."""
         to = np.argsort(source)
         blocks = (eqx.tree_at(lambda b: b.rows, block, to[np.asarray(block.rows)]) for block in self.blocks)
         return _made(len(to), tuple(blocks))
 
     @property
     def precision(self) -> Float[np.ndarray, "D"]:
-        """Diagonal of the inverse of the whole correlation; 0 of a value within a group that does not count."""
+        """Diagonal of the inverse of the whole correlation; 0 for a value of a group that is not fitted."""
         parts = [np.ones(len(self.single))]
         parts += [(np.asarray(block.whitening) ** 2).sum(1).ravel() for block in self.blocks]
         return np.concatenate(parts)[np.asarray(self.order)]
@@ -127,7 +127,7 @@ class Correlation(eqx.Module):
         return found
 
     def among(self, counts: Bool[np.ndarray, "D"]) -> "Correlation":
-        """Return the same where only some values count; within a group the others are left out of its correlation."""
+        """Return the same with only some values fitted; a group's correlation omits the others."""
         return _made(len(self.order), tuple(_block(block.rows, block.correlation, counts) for block in self.blocks))
 
 
@@ -137,14 +137,14 @@ def correlation(
     """Return the correlation of values.
 
     Args:
-        groups: places of the values of each, and the correlation of their errors; a value is in one group at most.
-        counts: (D,) values that are fitted.
+        groups: indices of each group's values, and the correlation of their errors; a value has at most one group.
+        counts: (D,) whether a value is fitted.
 
     Returns:
-        None where nothing is correlated.
+        None if nothing is correlated.
 
     Raises:
-        InputError: a correlation that no errors can have.
+        InputError: an impossible correlation.
     """
     sizes = sorted({len(rows) for rows, _ in groups})
     of_size = [[each for each in groups if len(each[0]) == size] for size in sizes]
@@ -180,11 +180,11 @@ def _block(rows: AnyArray, correlation: AnyArray, counts: np.ndarray) -> Block:
 
 
 class Data(NamedTuple):
-    """What was measured, as a model sees it that has to tell what the values belong to.
+    """Measured values for a model that assigns them to modes.
 
     Attributes:
         measured: (D,) SI units.
-        sigma: (D,) standard deviations; infinite for a value that must not help.
+        sigma: (D,) standard deviations; infinite for a value to ignore.
     """
 
     measured: Any
@@ -192,12 +192,12 @@ class Data(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """What the values of a model belong to, where that is not sure from the start.
+    """Assignment of values to modes or the like, if it is uncertain.
 
     Attributes:
-        held: what the choice is known by at the next point; the model's own.
+        held: state from which the model keeps the choice at the next point; in its own format.
         settled: whether it is the most probable one here.
-        cost: (D,) minus twice the logarithm of the probability of what was said of each value, such as a mode's label.
+        cost: (D,) label cost: minus twice the logarithm of the probability of each value's label.
     """
 
     held: Any
@@ -206,14 +206,14 @@ class Choice(NamedTuple):
 
 
 class Choosing:
-    """A model that matches values to what they belong to: afresh at any point, or as at the point before.
+    """A model that matches values to modes or the like: again at any point, or as at the point before.
 
-    Its matching has three methods: `rematched` lets it match afresh at the next point, with what the last one left
-    unexplained; `by_place` and `by_shape` keep a match by order and by likeness.
+    Its matching has three methods: `rematched` allows a new match at the next point, with the last match's residuals;
+    `by_place` and `by_shape` keep a match by order and by shape.
     """
 
     def first_matching(self) -> Any:
-        """Return the matching before the first step; None where there is nothing to match."""
+        """Return the matching before the first step; None if there is nothing to match."""
         raise NotImplementedError
 
     def predict_matched(self, parameters: Mapping[str, Any], data: Data, held: Any) -> tuple[Float[Array, "D"], Choice]:
@@ -222,7 +222,7 @@ class Choosing:
 
 
 class Growing:
-    """A model of which few sizes of programs serve all data: it predicts what was measured repeatedly only once."""
+    """A model with programs of a few sizes for all data: it predicts repeated measurements only once."""
 
     def in_parts(self) -> "Parts":
         """Return a large model in parts of one size, any other in one part of one of few sizes."""
@@ -233,11 +233,11 @@ class Parts(NamedTuple):
     """A model in parts of one size, so that one program of bounded memory serves all.
 
     Attributes:
-        models: of each part; the first one is like the whole.
-        source: (K, n) the whole's value that each value of each part is like.
-        places: (D,) where each value of the whole is among all those of the parts, one part after the other.
-        split: gives each part its own of what the whole holds.
-        joined: puts together what the parts hold.
+        models: of each part; the first one is representative of the whole.
+        source: (K, n) for each value of each part, the index of its value in the whole.
+        places: (D,) for each value of the whole, its index among the parts' values, one part after the other.
+        split: splits the whole's held matching into those of the parts.
+        joined: joins the matchings of the parts.
     """
 
     models: tuple[Any, ...]
@@ -248,14 +248,14 @@ class Parts(NamedTuple):
 
 
 class InParts(NamedTuple):
-    """A problem in parts of one size: one value stands for all that were measured of the same, and some do not count.
+    """A problem in parts of one size: one value stands for all repeated measurements, and padding has no weight.
 
     Attributes:
-        problems: of each part, whose residuals are those of the whole together; the first one is like the whole.
+        problems: of each part; their residuals together are those of the whole; the first is representative of it.
         parts: of its model.
-        scatter: sum of squares that repeated values add to the cost wherever the parameters are.
-        whole: whether there is one part, whose optima are those of the whole: no errors are correlated.
-        first_matching: before the first step; None where the model matches nothing.
+        scatter: sum of squares that repeated values add to the cost, independent of the parameters.
+        whole: whether there is one part with the optima of the whole: no errors are correlated.
+        first_matching: before the first step; None if the model matches nothing.
     """
 
     problems: "tuple[InverseProblem, ...]"
@@ -270,15 +270,15 @@ class InverseProblem(eqx.Module):
 
     Attributes:
         model: `model(parameters) -> values (D, *batch)`, differentiable; parameters by path, `(*batch)` each. A plain
-            function or an `equinox.Module` whose arrays may then change without a new compilation. One that chooses
-            what its values belong to takes the data as well, see `Choosing`.
+            function or an `equinox.Module` whose arrays may then change without a new compilation. A model that
+            assigns its values to modes takes the data as well, see `Choosing`.
         measured: (D,) SI units.
-        sigma: (D,) standard deviations; infinite for a value that is to be predicted but not fitted.
+        sigma: (D,) standard deviations; infinite for a value to predict but not to fit.
         parameters: the unknowns.
         kinds: (D,) kind of each value, a word.
-        correlation: of the values' errors; None where they are independent. Change `sigma` by `with_sigma` then.
-        vectors: (D,) number of the vector that each value is a component of, one of its own for any other value; None
-            where there are no vectors.
+        correlation: of the values' errors; None if they are independent. With it, change `sigma` by `with_sigma`.
+        vectors: (D,) number of each component's vector; any other value has a number of its own; None without
+            vectors.
     """
 
     model: Callable[..., Float[Array, "D *batch"]]
@@ -291,7 +291,7 @@ class InverseProblem(eqx.Module):
     __getattribute__ = object.__getattribute__  # as of `Parameters`
 
     def __check_init__(self) -> None:
-        """Refuse values and sigmas that can't be, which a search would only meet as a model without an answer.
+        """Refuse impossible values and sigmas: in a search they would look like a model without a solution.
 
         Raises:
             InputError: a measured value that is not finite, or a sigma that is not above zero.
@@ -312,7 +312,7 @@ class InverseProblem(eqx.Module):
             raise InputError(problems)
 
     def predict(self, theta: Float[Array, "P *batch"]) -> Float[Array, "D *batch"]:
-        """Predict all values at theta, by the most probable choice where the model has one."""
+        """Predict all values at theta, with the most probable choice if the model has one."""
         parameters = self.parameters.by_path(self.parameters.values(theta))
         return self.model(parameters, self.data) if isinstance(self.model, Choosing) else self.model(parameters)
 
@@ -323,15 +323,15 @@ class InverseProblem(eqx.Module):
         return self.model.predict_matched(self.parameters.by_path(self.parameters.values(theta)), self.data, held)
 
     def first_matching(self) -> Any:
-        """Return the matching before the first step; None where the model matches nothing."""
+        """Return the matching before the first step; None if the model matches nothing."""
         return self.model.first_matching() if isinstance(self.model, Choosing) else None
 
     def in_parts(self) -> InParts:
-        """Return the problem in parts of one of few sizes, repeated values as their mean, maybe in another order.
+        """Return the problem in parts of one of a few sizes, repeated values as their mean, possibly reordered.
 
         With weights w = 1/sigma^2, the sum of w (predicted - measured)^2 over repeated values is that of their mean,
-        W (predicted - mean)^2 with W the sum of w, and their scatter about it, which no parameter changes. Correlated
-        errors have no such mean: their problem is predicted in parts, and weighed as it is.
+        W (predicted - mean)^2 with W the sum of w, plus their scatter about it, which no parameter changes. This fails
+        for correlated errors: such a problem is predicted in parts, but weighed as a whole.
         """
         if not isinstance(self.model, Growing):
             places = np.arange(len(self.kinds))
@@ -349,11 +349,11 @@ class InverseProblem(eqx.Module):
         return InParts(problems, parts, scatter, one and self.correlation is None, first_matching)
 
     def pooled(self, source: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return mean, standard deviation and scatter of what was measured repeatedly; infinite sd where nothing was.
+        """Return mean, standard deviation and scatter of repeated values; infinite sd without a measurement.
 
         Args:
-            source: (n,) which of the problem's values each of the others is like.
-            places: (D,) which of the others each of the problem's is.
+            source: (n,) for each pooled value, the index of one of the problem's values.
+            places: (D,) for each of the problem's values, the index of its pooled value.
         """
         measured, sigma = np.asarray(self.measured), np.asarray(self.sigma)
         weight = sigma**-2.0
@@ -369,14 +369,14 @@ class InverseProblem(eqx.Module):
 
     @property
     def data(self) -> Data:
-        """What was measured."""
+        """Measured values and their sigmas."""
         return Data(self.measured, self.sigma)
 
     def scaled(self, x: Float[AnyArray, "D *batch"]) -> Any:
-        """Return what values differ by as independent numbers of standard deviation 1, `(D, *batch)`: L^-1 x / sigma.
+        """Return differences of values, whitened to standard deviation 1, `(D, *batch)`: L^-1 x / sigma.
 
-        L is the Cholesky factor of the correlation of a group's errors, 1 for a value in no group; a value that is not
-        fitted counts nothing.
+        L is the Cholesky factor of the correlation of a group's errors, 1 for a value without a group; a value that is
+        not fitted has no weight.
         """
         xp = library(x)
         sigma = np.asarray(self.sigma) if xp is np else self.sigma
@@ -385,11 +385,11 @@ class InverseProblem(eqx.Module):
 
     @property
     def errors(self) -> Correlation:
-        """How the errors of all values are correlated, independent ones as well."""
+        """Correlation of the errors of all values, also of independent ones."""
         return self.correlation or _made(len(self.kinds), ())
 
     def with_sigma(self, sigma: Float[np.ndarray, "D"]) -> "InverseProblem":
-        """Return the problem with other standard deviations; one that is infinite takes its value out of its group."""
+        """Return the problem with other standard deviations; an infinite one takes its value out of its group."""
         counts = np.isfinite(sigma)
         problem = replace(self, sigma=jax.device_put(np.asarray(sigma)))
         if self.correlation is None:
@@ -401,8 +401,8 @@ class InverseProblem(eqx.Module):
     ) -> tuple[Float[AnyArray, "D+P"], Float[AnyArray, "D+P P"]]:
         """Return residuals and their Jacobian by theta.
 
-        The residuals are (predicted - measured) / sigma, made independent within groups (`scaled`), then those of the
-        priors, so half their sum of squares is the negative logarithm of the posterior density, up to a constant.
+        The residuals are (predicted - measured) / sigma, whitened within groups (`scaled`), then those of the priors;
+        half their sum of squares is the negative logarithm of the posterior density, up to a constant.
         """
         prior, slope = self.parameters.prior_residuals(theta)
         xp = library(predicted, jacobian, theta)
@@ -412,19 +412,19 @@ class InverseProblem(eqx.Module):
 
 
 # -------- Discrepancy
-# A model that is known to be wrong by a factor: model discrepancy as further unknowns.
+# A model wrong by a factor: model discrepancy as further unknowns.
 
 DISCREPANCY_PREFIX = "discrepancy."
-"""What the names of discrepancies begin with; a kind of measurement follows."""
+"""Prefix of the names of discrepancies; the kind of measurement follows."""
 NARROWEST, WIDEST = 1e-6, 1e6
-"""Widths of ln(factor): within a millionth there is none, and beyond a million there is no bound at all."""
+"""Allowed widths of ln(factor): below a millionth there is no discrepancy, above a million no bound."""
 
 
 class Discrepant(eqx.Module, Choosing, Growing):
     """A model whose predictions of one kind are all wrong by an unknown factor.
 
-    A common factor, because geometry and masses that are taken wrong shift all values of a kind alike; scatter from
-    one value to the next is noise.
+    The factor is common to a kind, as wrong geometry and masses shift all its values alike; scatter from one value to
+    the next is noise.
 
     References:
         Kennedy, O'Hagan, "Bayesian calibration of computer models", J. R. Stat. Soc. B 63(3), 2001.
@@ -438,7 +438,7 @@ class Discrepant(eqx.Module, Choosing, Growing):
     kinds: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
-        """Predict values for parameters among which `KIND` are the factors."""
+        """Predict values for parameters that include the factors of each kind."""
         rest, factor = self._split(parameters)
         if data is None or not isinstance(self.model, Choosing):
             return factor * self.model(rest)
@@ -475,7 +475,7 @@ class Discrepant(eqx.Module, Choosing, Growing):
 
 
 def by_kind(factors: Mapping[str, Any], kinds: tuple[str, ...], batch: tuple[int, ...]) -> Float[Array, "D *batch"]:
-    """Return the factor on each value, given those of some kinds; 1 for the others."""
+    """Return the factor on each value from those of some kinds; 1 for the others."""
     names = sorted(set(kinds))
     each = jnp.stack([jnp.broadcast_to(factors.get(kind, 1.0), batch) for kind in names])
     return each[np.searchsorted(names, kinds)]
@@ -488,14 +488,14 @@ def _before(data: Data, factor: Float[Array, "D *batch"]) -> Data:
 
 
 def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> InverseProblem:
-    """Return the problem in which the model may be wrong by a factor for each of these kinds of measurement.
+    """Return the problem with a discrepancy factor of the model for each of these kinds of measurement.
 
     Args:
         problem: the problem.
         widths: standard deviation of ln(factor) by kind, such as 0.1 for ten percent.
 
     Raises:
-        InputError: nothing of that kind was measured, or a width that is not positive.
+        InputError: no measurement of that kind, or a width that is not positive.
     """
     for kind, width in widths.items():
         if kind not in problem.kinds:

@@ -1,7 +1,7 @@
-"""Profile likelihood: how far each parameter may move before data and prior object, all others fitted again.
+"""Profile likelihood: how far data and prior let each parameter move, with all others fitted again.
 
-An independent check of the intervals that a fit prints. Those take the cost for a parabola; a profile follows the cost
-itself, and so sees what is curved, bounded or open.
+An independent check of the intervals of a fit. Those assume a quadratic cost; a profile follows the cost itself, and so
+shows curved, bounded and open directions.
 """
 
 import math
@@ -28,9 +28,9 @@ class Interval:
     """The values whose cost is at most a threshold above the optimum's.
 
     Attributes:
-        level: chance that it covers the true value (asymptotically, if model and sigmas are right).
-        low: theta; minus infinity where open.
-        high: theta; infinity where open.
+        level: probability that it covers the true value (asymptotically, if model and sigmas are right).
+        low: theta; minus infinity if open.
+        high: theta; infinity if open.
         endings: why it ends there, below and above.
     """
 
@@ -47,12 +47,12 @@ class Profile:
     Attributes:
         item: the parameter.
         optimum: its fitted theta.
-        sd: its standard deviation in theta in the linear approximation; infinite where that leaves it open.
-        theta: (N,) its values, ascending, the optimum among them.
-        delta_chi_squared: (N,) least cost there, data and priors, above the optimum's.
+        sd: its standard deviation in theta in the linear approximation; infinite if undetermined there.
+        theta: (N,) its values, ascending, including the optimum.
+        delta_chi_squared: (N,) rise of the least cost there, data and priors, above the optimum's.
         converged: (N,) whether the other parameters' gradient vanishes there; if not, the profile may lie lower.
         intervals: one for each level, ascending, each inside the next.
-        rivals: theta of other optima that fit as well, within the highest level, but lie outside its interval.
+        rivals: theta of competing optima within the highest level that lie outside its interval.
     """
 
     item: Parameter
@@ -76,13 +76,13 @@ class Profile:
 
     @property
     def beaten(self) -> float:
-        """How far the points fall below the cost of the fit, 0 unless they do: then the fit is not the best optimum."""
+        """Fall of the cost below that of the fit, else 0; above 0 the fit is not the best optimum."""
         fall = -float(self.delta_chi_squared.min())
         return fall if fall > BETTER else 0.0
 
     @property
     def flat(self) -> tuple[bool, bool]:
-        """Whether it is open and flat to its end, below and above: nothing tells the parameter on that side.
+        """Whether it is open and flat to its end, below and above: the data do not bound it on that side.
 
         Open and not flat is "practically non-identifiable", flat is "structurally" so.
 
@@ -98,7 +98,7 @@ class Profile:
     def halves(self) -> tuple[float, float]:
         """Halves of the widest interval, below and above the optimum, over the linear interval's half.
 
-        One where both are open; zero where the linear one alone is; infinite where the profile alone is.
+        1 if both are open, 0 if only the linear one is, infinite if only the profile is.
         """
         linear = half_width(self.widest.level) * self.sd
         below, above = self.optimum - self.widest.low, self.widest.high - self.optimum
@@ -123,7 +123,7 @@ class Profile:
         return all(abs(half - 1) <= LINEAR for half in self.halves)
 
     def values(self, theta: Sequence[float] | Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
-        """Return the parameter's physical values at these theta; zero and infinity where a positive one is open."""
+        """Return the parameter's physical values at these theta; an open side of a positive one is zero or infinity."""
         return np.asarray(Parameters((self.item,)).values(np.asarray(theta, float)[None])[0])
 
 
@@ -142,15 +142,16 @@ def profile(
 ) -> tuple[Profile, ...]:
     """Profile the cost of a fit over its parameters, one after the other.
 
-    From the optimum theta_j is moved outwards on both sides, and all other parameters are fitted again at each step,
+    From the optimum theta_j moves outwards on both sides, and all other parameters are fitted again at each step,
 
         delta_chi_squared(theta_j) = min over the others of cost(theta) - cost(optimum).
 
-    An interval is where that is at most the chi-squared quantile (1 degree of freedom). The cost is that of the fit,
-    with its priors: so this profiles the posterior density, without priors (`prior_sd=math.inf`) the likelihood. A side
-    on which the threshold is not met within `reach` is open; one on which the model ends first is bounded by the model.
+    The interval has delta_chi_squared up to the chi-squared quantile (1 degree of freedom). The cost is that of the
+    fit, with its priors: so this profiles the posterior density, or without priors (`prior_sd=math.inf`) the
+    likelihood. A side that does not meet the threshold within `reach` is open; if the model ends first, the model
+    bounds it.
 
-    Only what hangs together with the best optimum is found; `Profile.rivals` names the other optima.
+    A profile follows only the region connected to the best optimum; `Profile.rivals` names the other optima.
 
     Args:
         fit: of any model.
@@ -160,7 +161,7 @@ def profile(
         progress: wraps the numbers of the sides, two for each parameter, to show a bar.
 
     Raises:
-        InputError: no such parameter, a level that is none, or no reach.
+        InputError: no such parameter, or an invalid level or reach.
 
     References:
         Wilks, "The large-sample distribution of the likelihood ratio", Ann. Math. Statist. 9(1), 1938.
@@ -188,10 +189,10 @@ def check(
     """Check the arguments of `profile` before any work is done.
 
     Returns:
-        The places of the named parameters in theta, ascending, each once; of all if none is named.
+        The indices of the named parameters in theta, ascending, each once; of all if none is named.
 
     Raises:
-        InputError: no such parameter, a level that is none, or no reach.
+        InputError: no such parameter, or an invalid level or reach.
     """
     if not 1 < reach < math.inf:
         raise refusal("reach", f"{reach:g}", "a finite factor > 1", "correct it")

@@ -37,10 +37,10 @@ from ident.inference.search import evaluate as fit_at
 from ident.inference.search import solve
 
 # -------- Initial walkers
-# Where an ensemble begins: points that are already spread as the posterior is.
+# Initial points of an ensemble, already distributed approximately as the posterior.
 
 TRIES = 20
-"""Rounds of drawing until the model has an answer at enough points; assumed."""
+"""Most rounds of drawing to get enough points with a solution of the model; assumed."""
 NARROW = 0.1
 """Spread of the noise scales of initial walkers, in widths of their priors."""
 
@@ -48,21 +48,21 @@ NARROW = 0.1
 def initial_walkers(
     posterior: Posterior, optimum: Optimum, count: int, rng: np.random.Generator, batch: int
 ) -> Float[np.ndarray, "count P"]:
-    """Draw points about an optimum by fitting it again and again to perturbed data and priors.
+    """Draw points about an optimum by repeated fits to perturbed data and priors.
 
-    Every measured value and every prior's centre is moved by its own uncertainty, and the fit repeated from the
-    optimum. For a linear model that draws from the posterior exactly; for a curved, thin one, such as three numbers
-    leave of six stiffnesses, the points lie along it, where a normal distribution's would lie off it.
+    Every measured value and every prior's centre is moved by its own uncertainty, and the fit is repeated from the
+    optimum. For a linear model these are exact draws from the posterior. For a thin curved posterior, as of six
+    stiffnesses and three values, the points follow the curve, and those of a normal approximation would not.
 
     Args:
         posterior: the posterior.
         optimum: of its problem.
         count: number of points.
         rng: source of randomness.
-        batch: size of batch in which the density is computed.
+        batch: number of points per evaluation of the density.
 
     Raises:
-        ModelError: no such point was found.
+        ModelError: no such point exists.
 
     References:
         Bardsley, Solonen, Haario, Laine, "Randomize-then-optimize", SIAM J. Sci. Comput. 36(4), 2014.
@@ -85,7 +85,7 @@ def initial_walkers(
 
 
 def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProblem:
-    """Move data and priors by their own uncertainty; a flat prior counts as a normal one of about its width."""
+    """Perturb data and priors by their own uncertainty; a flat prior counts as a normal one of about its width."""
     sigma, parameters = np.asarray(problem.sigma), problem.parameters
     noise = np.where(np.isfinite(sigma), sigma, 0.0) * problem.errors.color(rng.standard_normal(len(sigma)))
     sd = parameters.normal_sd
@@ -101,16 +101,16 @@ def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProb
 
 
 # -------- Moves
-# Moves of walkers beyond emcee's own: in reciprocals, by a normal approximation, for ensembles side by side.
+# Moves of walkers in addition to emcee's: in reciprocals, by a normal approximation, for several ensembles at once.
 
 Proposal = tuple[np.ndarray, np.ndarray]
 """Proposed points (n, Q), and the logarithms of the factors (n,) that keep the moves reversible."""
 
 
 class Apart(RedBlueMove):
-    """Moves ensembles that know nothing of each other, side by side in one of emcee's: one batch evaluates all.
+    """Move independent ensembles together as one emcee ensemble: one batch evaluates all.
 
-    Walker w of ensemble e is number e W + w, and the halves of an ensemble, which are moved in turn, are its walkers of
+    Walker w of ensemble e has number e W + w. The halves of an ensemble, which are moved in turn, are its walkers of
     even and of odd number.
     """
 
@@ -125,7 +125,7 @@ class Apart(RedBlueMove):
             move.setup(own)
 
     def get_proposal(self, s: np.ndarray, c: Sequence[np.ndarray], random: np.random.RandomState) -> Proposal:
-        """Propose new places for one half of each ensemble, given its other half."""
+        """Propose new positions for one half of each ensemble, given its other half."""
         moving, waiting = (np.split(half, len(self.moves)) for half in (s, np.concatenate(c)))
         parts = [m.get_proposal(own, [w], random) for m, own, w in zip(self.moves, moving, waiting, strict=True)]
         points, factors = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -133,9 +133,9 @@ class Apart(RedBlueMove):
 
 
 class InReciprocals(RedBlueMove):
-    """Another move in the reciprocals of positive unknowns.
+    """Apply another move in the reciprocals of positive unknowns.
 
-    Deflections and the squares of periods are nearly linear in the compliances: a posterior that is a thin curved
+    Deflections and the squares of periods are nearly linear in the compliances. So a posterior that is a thin curved
     sheet in the logarithms of stiffnesses is nearly flat in their reciprocals, and moves along differences of walkers
     stay on it.
     """
@@ -150,12 +150,12 @@ class InReciprocals(RedBlueMove):
         self.move.setup(coords)
 
     def get_proposal(self, s: np.ndarray, c: Sequence[np.ndarray], random: np.random.RandomState) -> Proposal:
-        """Propose in the reciprocals; a proposal that is not positive is one to be refused."""
+        """Propose in the reciprocals; a proposal that is not positive is rejected."""
         q, factors = self.move.get_proposal(self._reciprocals(s), [self._reciprocals(half) for half in c], random)
         refused = (self.positive & (q <= 0)).any(1)
         theta = np.where(self.positive, -np.log(np.where(self.positive & (q > 0), q, 1.0)), q)
         theta[refused] = s[refused]
-        rise = np.where(self.positive, theta - s, 0.0).sum(1)  # the density of exp(-theta) is that of theta by it
+        rise = np.where(self.positive, theta - s, 0.0).sum(1)  # log Jacobian of exp(-theta)
         return theta, np.where(refused, -np.inf, factors + rise)
 
     def _reciprocals(self, theta: np.ndarray) -> np.ndarray:
@@ -163,9 +163,9 @@ class InReciprocals(RedBlueMove):
 
 
 class Independent(RedBlueMove):
-    """Draws from the normal approximation about an optimum, in the reciprocals of positive unknowns.
+    """Draw from the normal approximation about an optimum, in the reciprocals of positive unknowns.
 
-    Where data tell all unknowns well, most of its proposals are accepted, and draws are nearly independent.
+    If the data determine all unknowns well, most proposals are accepted, and draws are nearly independent.
 
     References:
         Tierney, "Markov chains for exploring posterior distributions", Annals of Statistics 22(4), 1994, section 2.3.3.
@@ -184,14 +184,14 @@ class Independent(RedBlueMove):
         self.root = np.linalg.cholesky(covariance * np.outer(sign, sign))
 
     def get_proposal(self, s: np.ndarray, c: Sequence[np.ndarray], random: np.random.RandomState) -> Proposal:
-        """Propose points that depend on no walker; one outside the positive numbers is one to be refused."""
+        """Propose points that depend on no walker; a point outside the positive numbers is rejected."""
         points, log_density = self.draw(random.standard_normal(s.shape))
         refused = ~np.isfinite(log_density)
         points[refused] = s[refused]
         return points, np.where(refused, -np.inf, self.log_density(s) - log_density)
 
     def draw(self, normal: Float[np.ndarray, "n Q"]) -> tuple[Float[np.ndarray, "n Q"], Float[np.ndarray, "n"]]:
-        """Turn standard normal numbers into points; return also their log density, -inf for one that is none."""
+        """Turn standard normal numbers into points; return also their log density, -inf for an invalid point."""
         off = normal @ self.root.T
         outside = (self.positive & (off <= -1)).any(1)
         points = self.centre + np.where(self.positive, -np.log1p(np.where(self.positive & (off > -1), off, 0.0)), off)
@@ -205,24 +205,24 @@ class Independent(RedBlueMove):
 
 
 # -------- Ensembles
-# Ensembles of walkers that emcee moves side by side, a block of steps at a time.
+# Ensembles of walkers that emcee moves together, a block of steps at a time.
 
 BLOCK = 50
 """Steps between two checkpoints."""
 SPLITS = 2
 """Parts of an ensemble that emcee moves in turn."""
 PARTS = 2
-"""Parts of what is moved at the same time that two threads evaluate."""
+"""Parts of a batch that two threads evaluate at the same time."""
 TRIALS = 4
-"""Points for each walker by which independent proposals are tried."""
+"""Trial points for each walker, to test independent proposals."""
 WORTH = 0.25
-"""Share of independent proposals that must be accepted for them to be made at all; assumed."""
+"""Least acceptance rate at which independent proposals are used; assumed."""
 MOST = 0.8
-"""Share of the moves that they are at most: the others reach where no such proposal goes; assumed."""
+"""Largest share of independent proposals among the moves: the other moves reach the tails; assumed."""
 
 
 def batch_size(ensembles: int, walkers: int) -> int:
-    """Return the number of points that are evaluated together."""
+    """Return the number of points evaluated together."""
     return -(-ensembles * walkers // (SPLITS * PARTS))
 
 
@@ -240,10 +240,10 @@ class Ensembles:
         """Prepare.
 
         Args:
-            target: what is sampled.
-            optima: about which each ensemble begins.
+            target: the density to sample.
+            optima: starting optimum of each ensemble.
             walkers: in each ensemble.
-            seed: of everything.
+            seed: of all random numbers.
             pool: threads that evaluate parts of a batch.
         """
         self.target, self.optima, self.walkers, self.seed, self.pool = target, optima, walkers, seed, pool
@@ -253,10 +253,10 @@ class Ensembles:
         self.sampler: emcee.EnsembleSampler | None = None
 
     def begin(self) -> Walkers:
-        """Return walkers spread as the posterior about each optimum is.
+        """Return walkers distributed approximately as the posterior about each optimum.
 
-        Where the normal approximation is good, they are draws from it, resampled by their importance (Rubin, "The
-        calculation of posterior distributions by data augmentation: comment", JASA 82(398), 1987); else by
+        If the normal approximation is good, they are draws from it, resampled by their importance (Rubin, "The
+        calculation of posterior distributions by data augmentation: comment", JASA 82(398), 1987); else they come from
         `initial_walkers`.
         """
         moves, *own = np.random.SeedSequence(self.seed).spawn(1 + len(self.optima))
@@ -278,8 +278,8 @@ class Ensembles:
         """Return the draws of one block of steps, the moves accepted, and the walkers at its end.
 
         Args:
-            start: where the walkers are.
-            block: its number, which gives the factors' random numbers.
+            start: the walkers at its beginning.
+            block: its number, the seed of the factors' random numbers.
         """
         if self.sampler is None:
             self.sampler = self._sampler(start.share)
@@ -307,7 +307,7 @@ class Ensembles:
             return known if known.shape[1] > 1 else known[:, 0]
 
         number, unknowns = len(self.optima) * self.walkers, len(self.positive)
-        # differences of walkers and stretches: in reciprocals, where thin posteriors are flat, and as they are
+        # differential and stretch moves: in reciprocals, where thin posteriors are flat, and in theta
         kinds = [
             (InReciprocals(DEMove(), self.positive), 0.45),
             (InReciprocals(DEMove(gamma0=0.4), self.positive), 0.25),
@@ -321,7 +321,7 @@ class Ensembles:
         return emcee.EnsembleSampler(number, unknowns, density, vectorize=True, moves=moves)
 
     def _tried(self, proposal: Independent | None, rng: np.random.Generator) -> tuple[float, np.ndarray]:
-        """Return the share of independent proposals that would be accepted, and walkers drawn by importance."""
+        """Return the acceptance rate of independent proposals, and walkers drawn by importance."""
         if proposal is None:
             return 0.0, np.empty((0, len(self.positive)))
         points, log_proposal = proposal.draw(rng.standard_normal((TRIALS * self.walkers, len(self.positive))))
@@ -336,7 +336,7 @@ class Ensembles:
 
 
 def _independent(target: Marginal | LinearMarginal, optimum: Optimum) -> Independent | None:
-    """Return draws from the normal approximation about an optimum; None where sigmas are unknown or it has none."""
+    """Return the normal approximation about an optimum; None if sigmas are unknown or there is none."""
     if target.posterior.noise.items:
         return None
     problem = target.posterior.problem
@@ -363,33 +363,33 @@ def _walkers(theta: np.ndarray, known: np.ndarray, twister: Any, share: float) -
 # -------- Sample
 
 FIRST_CHECK = 100
-"""Steps after which the chains are diagnosed first; then when they should do, or are half as long again."""
+"""Steps before the first diagnosis; the next follows at the predicted end, or when chains are half as long again."""
 LEAST_ENSEMBLES = 4
 EXCLUDED = 5.0
-"""Standard deviations from a prior at which the data and it cannot both be right; assumed."""
+"""Standard deviations from a prior at which data and prior exclude each other; assumed."""
 JOINED = 1.05
-"""R-hat over the ensembles about two optima below which they have met; assumed."""
+"""R-hat over the ensembles about two optima below which they sample the same basin; assumed."""
 ANEW = "explicit"
-"""Folder within the folder for the chains that begin again, with more nuisances sampled."""
+"""Subfolder for chains restarted with more nuisances sampled."""
 RIVAL = 30.0
-"""Optima whose cost is higher by more than this, a factor of 3e-7 in density, are left out."""
+"""Optima whose cost is higher by more than this, a factor of 3e-7 in density, are ignored."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to sample.
+    """Settings of the sampler.
 
     Attributes:
-        ensembles: independent ensembles about each optimum; at least four, so that R-hat means something.
-        walkers: in each ensemble; None for four times the number of unknowns that are sampled, or eight times where the
-            data leave directions open or weakly known, as posteriors are thin and curved then.
+        ensembles: independent ensembles about each optimum; at least four, so that R-hat is meaningful.
+        walkers: in each ensemble; None for four times the number of sampled unknowns, or eight times if directions are
+            undetermined or weak, as posteriors are thin and curved then.
         target_ess: bulk effective sample size at which to stop, for each unknown.
         max_steps: steps at which to stop in any case.
-        seed: of everything.
-        threads: parts of a step that are evaluated at the same time, two at most; more than one only for a model that
-            calls no LAPACK.
+        seed: of all random numbers.
+        threads: parts of a step evaluated at the same time, at most two; more than one only for a model that calls no
+            LAPACK.
         most_draws: draws, of all walkers together, above which only every second step is kept, then every fourth, and
-            so on: neither memory nor checkpoints grow without end.
+            so on: this bounds memory and checkpoints.
     """
 
     ensembles: int = 4
@@ -405,13 +405,13 @@ DEFAULT = Settings()
 
 
 class DrawsByChain(NamedTuple):
-    """Draws of a sample, burn-in left out, every walker a chain: those of the first ensemble come first.
+    """Draws of a sample without burn-in, every walker a chain, in the order of the ensembles.
 
     Attributes:
         values: (P, chains, draws) [SI] all unknowns.
         log_density: (chains, draws) log posterior.
-        ensemble: (chains,) to which each belongs.
-        optimum: (chains,) about which it is.
+        ensemble: (chains,) ensemble of each chain.
+        optimum: (chains,) optimum of each chain.
     """
 
     values: Float[np.ndarray, "P chains draws"]
@@ -422,21 +422,21 @@ class DrawsByChain(NamedTuple):
 
 @dataclass(frozen=True)
 class Sample:
-    """Draws from a posterior, and how far to trust them.
+    """Draws from a posterior, and their diagnosis.
 
     Attributes:
-        posterior: what was sampled.
-        fit: where the ensembles started; the optima by which `basin` counts.
-        settings: how it was sampled.
-        theta: (n, ensembles, walkers, P) all draws that are kept.
+        posterior: the sampled posterior.
+        fit: its optima are the starts of the ensembles, and number the basins.
+        settings: of the sampler.
+        theta: (n, ensembles, walkers, P) all kept draws.
         log_density: (n, ensembles, walkers) log posterior.
         thin: steps from one draw to the next.
-        basin: (ensembles,) optimum about which each ensemble is; the better one of two without a barrier between.
+        basin: (ensembles,) optimum of each ensemble; the better one of two without a barrier between.
         started: (ensembles,) optimum about which each ensemble started.
         acceptance: (ensembles,) share of accepted moves.
-        diagnosis: what the chains say of themselves, basin by basin.
-        marginalised: nuisances that were integrated out, each with how far its derivatives at draws of the posterior
-            would move the mean of an unknown [its sd].
+        diagnosis: of the chains, basin by basin.
+        marginalised: integrated nuisances, each with the move of an unknown's mean [its sd] by its nonlinearity at
+            draws of the posterior.
     """
 
     posterior: Posterior
@@ -453,26 +453,26 @@ class Sample:
 
     @property
     def batch(self) -> int:
-        """Points that the posterior is compiled for."""
+        """Number of points for which the posterior is compiled."""
         return batch_size(*self.theta.shape[1:3])
 
     @property
     def basins(self) -> tuple[int, ...]:
-        """The optima that were sampled about."""
+        """The sampled optima."""
         return tuple(dict.fromkeys(self.basin))
 
     @property
     def burn_in(self) -> int:
-        """Draws of each walker that are not counted."""
+        """Number of draws of each walker to discard."""
         return max(d.burn_in for d in self.diagnosis) // self.thin
 
     def draws(self, basin: int = 0) -> Float[np.ndarray, "n P"]:
-        """Return the draws of theta about one optimum, burn-in left out."""
+        """Return the draws of theta about one optimum, without burn-in."""
         chosen = self.theta[self.burn_in :, np.array(self.basin) == basin]
         return chosen.reshape(-1, chosen.shape[-1])
 
     def by_chain(self) -> DrawsByChain:
-        """Return the draws chain by chain, burn-in left out."""
+        """Return the draws chain by chain, without burn-in."""
         theta, log_density = self.theta[self.burn_in :], self.log_density[self.burn_in :]
         steps, ensembles, walkers, count = theta.shape
         flat = np.moveaxis(theta, 3, 0).reshape(count, steps, -1)
@@ -490,29 +490,29 @@ def sample(
     provenance: Mapping[str, str] | None = None,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> Sample:
-    """Sample a posterior until its effective sample size is reached; go on where an earlier run was stopped.
+    """Sample a posterior until its effective sample size is reached; continue where an earlier run was stopped.
 
-    Each optimum of the fit that matters gets ensembles of its own, as an ensemble does not cross between separated
-    ones. Discrepancy factors are integrated out, and drawn given the rest; so are nuisances that act linearly, as far
-    as their derivatives at draws of the posterior tell: with one that does not, the chains begin again. A chain depends
-    on model, data, priors, optima, walkers and seed alone: interrupted and resumed it is the same to the bit, and a
-    higher target only makes it longer.
+    Each relevant optimum of the fit has its own ensembles, as an ensemble does not cross between separated optima.
+    Discrepancy factors are integrated out, and drawn given the rest. So are nuisances with a linear effect; their
+    derivatives are checked at draws of the posterior, and with a nonlinear one the chains restart. A chain depends on
+    model, data, priors, optima, walkers and seed alone: interrupted and resumed it is the same to the bit, and a higher
+    target only makes it longer.
 
     Args:
         fit: of the posterior's problem; the ensembles start about its optima.
-        posterior: what to sample.
-        settings: how.
-        folder: where checkpoints go; None for none.
-        provenance: what else must be equal for a checkpoint to be gone on with, by name.
+        posterior: the density to sample.
+        settings: of the sampler.
+        folder: for checkpoints; None for none.
+        provenance: further conditions, by name, that must be equal to continue from a checkpoint.
         progress: wraps the numbers of the blocks, to show a bar.
 
     Raises:
-        InputError: settings that can't work, data and prior that leave a parameter open or exclude each other,
-            checkpoints of another run.
-        ModelError: the model has no answer about an optimum.
+        InputError: invalid settings, a parameter determined by neither data nor prior, data and prior that exclude each
+            other, or checkpoints of another run.
+        ModelError: the model has no solution near an optimum.
     """
     _check_bounded(fit, posterior)
-    # with noise that is known up to a factor only, so are the costs
+    # with noise known only up to a factor, the costs are too
     reach = math.inf if posterior.noise.items else fit.best.score + RIVAL
     optima = [i for i, optimum in enumerate(fit.optima) if optimum.score < reach]
     started = [optimum for optimum in optima for _ in range(settings.ensembles)]
@@ -520,7 +520,7 @@ def sample(
     while True:
         target = linear_marginal(posterior, fit.best, names) if names else Marginal(posterior)
         chosen = replace(settings, walkers=_walker_count(fit, target, settings))
-        # what a chain depends on; the other settings only say when it ends
+        # inputs of a chain; the other settings only decide when it ends
         depends = {
             **({"set of nuisances integrated out": ", ".join(names)} if names else {}),
             "number of optima": len(optima),
@@ -579,7 +579,7 @@ def _sample(fit: Fit, posterior: Posterior, settings: Settings, chains: Chains, 
 
 
 def _joined(chains: Chains, started: Sequence[int]) -> list[int]:
-    """Count optima as one whose ensembles have found the same distribution: no barrier lies between them."""
+    """Merge optima whose ensembles sample the same distribution: there is no barrier between them."""
     basins, joined = list(dict.fromkeys(started)), list(started)
     for i, later in enumerate(basins):
         for earlier in basins[:i]:
@@ -596,7 +596,7 @@ def _diagnose(chains: Chains, basins: Sequence[int], only: int | None = None) ->
 
 
 def _walker_count(fit: Fit, target: Marginal | LinearMarginal, settings: Settings) -> int:
-    """Return the number of walkers of settings that can work."""
+    """Return the number of walkers; refuse invalid settings."""
     count = len(target.parameters.items)
     curved = any(direction.weak or direction.open for direction in fit.information.directions)
     walkers = settings.walkers or (8 if curved else 4) * count
@@ -612,7 +612,7 @@ def _walker_count(fit: Fit, target: Marginal | LinearMarginal, settings: Setting
 
 
 def _check_bounded(fit: Fit, posterior: Posterior) -> None:
-    """Refuse data and prior that leave a parameter open, or exclude each other."""
+    """Refuse data and prior that do not determine a parameter, or that exclude each other."""
     scaled = fit.problem.scaled(np.asarray(fit.jacobian))
     open_ones = np.isinf(information(scaled, fit.problem.parameters.normal_sd, fit.information.names).sd)
     if open_ones.any():

@@ -16,28 +16,28 @@ from ident.inference.problem import InverseProblem
 from ident.inference.search import End, ended, look, solve, weighed
 
 # -------- Exchange
-# Which two values, put into each other's row, would make a fit of data that do not fit.
+# Two values whose swap would make contradictory data fit.
 
 TRIED = 4
-"""Swaps that are fitted again: so many of those suspected, and the best ones along a straight line."""
+"""Number of swaps to fit again, among the suspected ones and among the best of the linear model."""
 
 BLOCK = 1000
-"""Exchanges whose matrices are in memory at once: of twenty parameters some 20 MB."""
+"""Swaps whose matrices are in memory at once: some 20 MB for twenty parameters."""
 
 Pair = tuple[int, int]
-"""Places of two values."""
+"""Indices of two values."""
 Moves = Mapping[int, int]
-"""Where the value comes from that a place gets."""
+"""Index of the value that moves into each row."""
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """Two values that may have been taken for each other.
+    """Two values that may have been swapped.
 
     Attributes:
-        rows: their places.
+        rows: their indices.
         chi_squared: of the data, fitted again with the two values swapped.
-        score: that, what the priors add, and the label cost, as of an `Optimum`.
+        score: chi-squared, cost of the priors and label cost, as in an `Optimum`.
     """
 
     rows: Pair
@@ -48,23 +48,22 @@ class Exchange:
 def exchanges(
     fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair], moves: Callable[[Pair], Moves]
 ) -> tuple[Exchange, ...]:
-    """Return the swaps after which no objection to the fit is left, of the least chi-squared first.
+    """Return the swaps that leave no objection to the fit, least chi-squared first.
 
-    Values change places together with their sigmas, and with what their errors have in common with others. All pairs
-    are compared by the least squares of the model along a straight line from the optimum; the best ones are fitted
-    again from there, and from the parameters' starting values. It is a hint where to look: two values that were not
-    exchanged may look so, where both are wrong.
+    Values move together with their sigmas and the correlations of their errors. All pairs are compared by least squares
+    with the model linearised at the optimum; the best ones are fitted again from there, and from the parameters'
+    starting values. The result is only a hint: two values that are both wrong may look swapped.
 
     Args:
         fit: of data that do not fit.
-        pairs: which values might be exchanged.
-        suspected: those that are fitted again wherever they come along the line, the first `TRIED` of them.
-        moves: of all values that change places where two are exchanged.
+        pairs: values that might be swapped.
+        suspected: pairs to fit again whatever their linear cost, the first `TRIED` of them.
+        moves: all values that change rows when two are swapped.
     """
     blocks = [pairs[i : i + BLOCK] for i in range(0, len(pairs), BLOCK)]
     costs = np.concatenate([np.zeros(0), *(_costs(fit, [moves(pair) for pair in block]) for block in blocks)])
     nearest = [pairs[i] for i in np.argsort(costs, kind="stable")[:TRIED]]
-    starts = fit.best.theta, fit.problem.parameters.theta_start  # the data have led the first one astray
+    starts = fit.best.theta, fit.problem.parameters.theta_start  # wrong data may have misled the first start
     found = []
     for pair in dict.fromkeys([*suspected[:TRIED], *nearest]):
         problem = _moved(fit.problem, moves(pair))
@@ -79,7 +78,7 @@ def exchanges(
 
 
 def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bool:
-    """Tell whether chi-squared, values, kinds and what was said of values all agree with an end, as a verdict asks."""
+    """Whether an end agrees with chi-squared, values, kinds and labels, as the verdict requires."""
     if not (np.isfinite(end.cost) and end.choice.settled):
         return False
     from scipy.special import chdtrc
@@ -90,19 +89,19 @@ def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bo
 
 
 def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:
-    """Return the least cost of each exchange where predictions change along a straight line.
+    """Return the least cost of each swap in the linear model.
 
-    With r the residuals and S their slope, it is r'r - (S'r)' (S'S)^+ S'r. An exchange changes a few rows of both: a
-    value that comes to another row keeps its error, and is compared with that row's prediction. With X = [S, r] in
-    sigmas, R the correlation of the errors and D what changes, the squares are (X + D)' R^-1 (X + D).
+    With r the residuals and S their slope, it is r'r - (S'r)' (S'S)^+ S'r. A swap changes a few rows of both: a value
+    that moves to another row keeps its error, and is compared with that row's prediction. With X = [S, r] in sigmas, R
+    the correlation of the errors and D the change of X, the squares are (X + D)' R^-1 (X + D).
     """
     problem, R = fit.problem, fit.problem.errors
     residuals, slope = weighed(problem, fit.end)
     measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
     rows = np.concatenate([slope, residuals[:, None]], 1)
-    most = max(map(len, moves))  # the first place, unmoved, fills up
+    most = max(map(len, moves))  # padded with row 0, unmoved
     both = np.array([[*each.items(), *[(0, 0)] * (most - len(each))] for each in moves])
-    here, there = both[:, :, 0], both[:, :, 1]  # the places, and where their values come from
+    here, there = both[:, :, 0], both[:, :, 1]  # rows, and the rows from which their values come
     moved = (fit.predicted[here] - measured[there]) / sigma[there]
     new = np.concatenate([fit.jacobian[here] / sigma[there][:, :, None], moved[:, :, None]], 2)
     whole = np.concatenate([fit.jacobian, (fit.predicted - measured)[:, None]], 1) / sigma[:, None]
@@ -126,7 +125,7 @@ def _moved(problem: InverseProblem, moves: Moves) -> InverseProblem:
 
 
 # -------- Held out
-# What a fit predicts of data that it has not seen: groups of values, left out in turn, from the rest.
+# Cross-validation: each group of values in turn, predicted by a fit to the others.
 
 
 @dataclass(frozen=True)
@@ -135,12 +134,12 @@ class HeldOut:
 
     Attributes:
         name: of the group.
-        places: (n,) of its values among all.
+        places: (n,) indices of its values among all.
         measured: (n,) [SI]
         predicted: (n,) [SI]
-        covariance: (n, n) [SI^2] of measured less predicted: noise of the group, and what the others leave open; NaN
-            where they leave the prediction open.
-        ended: whether the fit to the others has ended in an optimum.
+        covariance: (n, n) [SI^2] of measured less predicted: noise of the group, and uncertainty of the prediction; NaN
+            if the others do not determine the prediction.
+        ended: whether the fit to the others has converged to an optimum.
     """
 
     name: str
@@ -157,17 +156,17 @@ class HeldOut:
 
     @property
     def sd(self) -> Float[np.ndarray, "n"]:
-        """Standard deviation [SI] of what is measured about what is predicted."""
+        """Standard deviation [SI] of measured less predicted."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def told(self) -> bool:
-        """Whether the others tell what to expect."""
+        """Whether the others determine a prediction."""
         return self.ended and bool(np.isfinite(self.covariance).all())
 
     @property
     def p_value(self) -> float:
-        """Chance of values so far from the prediction, all of the group together; NaN where nothing is predicted."""
+        """P-value of the group's distance from its prediction, all values together; NaN without a prediction."""
         from scipy.special import chdtrc
 
         if not self.told:
@@ -180,11 +179,11 @@ def held_out(
 ) -> tuple[HeldOut, ...]:
     """Leave out each group of values, fit the others again, and predict the group.
 
-    What a value belongs to, such as which mode a label means, is taken from the fit to all: it is not what is tested.
+    The assignment of values, such as the mode of a label, stays as in the fit to all: it is not tested.
 
     Args:
         fit: a fit to all.
-        groups: places of the values by the group's name.
+        groups: indices of the values by the group's name.
         progress: wraps the numbers of the groups, to show a bar.
     """
     named = list(groups.items())
@@ -195,7 +194,7 @@ def _held_out(fit: Fit, name: str, places: Int[np.ndarray, "n"]) -> HeldOut:
     sigma = np.asarray(fit.problem.sigma).copy()
     noise = sigma[places]
     groups = fit.problem.errors.groups
-    sigma[np.isin(groups, groups[places]) & (groups >= 0)] = np.inf  # those that would tell of their errors
+    sigma[np.isin(groups, groups[places]) & (groups >= 0)] = np.inf  # errors correlated with the group's
     sigma[places] = np.inf
     problem = fit.problem.with_sigma(sigma)
     starts = [fit.best.theta, *(rival.theta for rival in fit.rivals)]
@@ -214,29 +213,28 @@ def _held_out(fit: Fit, name: str, places: Int[np.ndarray, "n"]) -> HeldOut:
 
 
 # -------- Robust
-# Robust weights: values too far off for their sigma count less, by iteratively reweighted least squares.
+# Robust weights: outliers count less, by iteratively reweighted least squares.
 
 HUBER = 1.345
-"""Sigmas from which on a value counts less: 95 % efficient where errors are normal."""
+"""Sigmas beyond which a value counts less: 95 % efficient for normal errors."""
 FREEDOM = 4.0
 """Degrees of freedom of Student's t (Lange, Little, Taylor, JASA 84, 1989)."""
 SUSPICIOUS = 0.5
-"""Weight below which a value is named; assumed."""
+"""Weight below which a value is reported; assumed."""
 STEPS, SETTLED = 60, 1e-3
-"""Solutions at most, and the change of any weight below which they are the last."""
+"""Most iterations, and the largest change of any weight at which they stop."""
 
 
 def robust_weights(fit: Fit, units: Int[np.ndarray, "D"], loss: str) -> Float[np.ndarray, "D"]:
-    """Return the weight of each value where weights and optimum agree, from the optimum of a fit.
+    """Return the weight of each value at which weights and optimum agree, from the optimum of a fit.
 
-    With r the size of the scaled residuals of a unit, the root of their mean square, each of its values counts as if
-    its variance were sigma^2 / w: for `huber` w = min(1, k / r), which limits what a value may pull; for `t`
-    w = (n + 1) / (n + r^2), by which it pulls less and less, as errors of Student's t do. As its optimum may not be the
-    only one, that is begun with the weights of `huber`.
+    With r the rms of the scaled residuals of a unit, the variance of its values becomes sigma^2 / w: for `huber`
+    w = min(1, k / r), which limits the pull of a value; for `t` w = (n + 1) / (n + r^2), so that the pull falls with
+    distance, as for errors of Student's t. As `t` may have several optima, it starts with the weights of `huber`.
 
     Args:
-        fit: the start, whose problem has the sigmas as they were said.
-        units: number of the unit of each value: one for the components of a vector.
+        fit: the start; its problem has the stated sigmas.
+        units: unit number of each value: the components of a vector share one.
         loss: `huber` or `t`.
 
     Raises:
@@ -261,7 +259,7 @@ def _settled(
 ) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "D"], Float[np.ndarray, "D"]]:
     weights, count = np.zeros(len(units)), np.bincount(units)
     for _ in range(STEPS):
-        # the root of the mean square of the scaled residuals of each value's unit
+        # rms of the scaled residuals of each value's unit
         squared = problem.scaled(predicted - np.asarray(problem.measured)) ** 2
         sizes = np.sqrt(np.bincount(units, squared)[units] / count[units])
         before, weights = weights, weigh(sizes)
@@ -273,5 +271,5 @@ def _settled(
 
 
 def weighted(problem: InverseProblem, weights: Float[np.ndarray, "D"]) -> InverseProblem:
-    """Return the problem in which each value counts by its weight."""
+    """Return the problem with each value weighted."""
     return problem.with_sigma(np.asarray(problem.sigma) / np.sqrt(weights))

@@ -17,23 +17,25 @@ from ident.inference.problem import Choice, InParts, InverseProblem
 from ident.programs import jit
 
 # -------- Gauss-Newton
-# The solver outside of a program, where each look counts: many data, searches that look together. Gauss-Newton with
-# Marquardt's damping where a step leads upwards (J. SIAM 11, 1963): optimistix's rule takes 6 to 36 % more looks.
+# The solver outside of a compiled program, for expensive model evaluations: many data, searches that share evaluations.
+# Gauss-Newton, with Marquardt's damping after an uphill step (J. SIAM 11, 1963): optimistix's rule takes 6 to 36 % more
+# evaluations.
 
 T = TypeVar("T")
 MAX_STEPS = 200
 SHORT, LEAST_STEP = 1e-3, 1e-6
-"""Lengths of the next step [sd] below which it is taken whole, and below which the search has ended."""
+"""Lengths of the next step [sd] below which it is undamped, and below which the search has ended."""
 LEVEL = 1e-10
-"""Rise of the cost, relative to one plus the cost, that is rounding."""
+"""Rise of the cost, relative to 1 + cost, that counts as rounding."""
 DAMPING, FACTOR, LEAST, MOST = 1e-3, 10.0, 1e-9, 1e12
-"""Damping after the first step that leads upwards, its factor from one to the next, where it is none, and where nothing
-is left to gain."""
+"""Damping: after the first uphill step, its factor per change, the value that counts as zero, and the value above which
+the search ends."""
 GAINS = 0.25, 0.75
-"""Shares of the foreseen fall of the cost below which a step was too long, and above which a longer one may do."""
+"""Ratios of actual to predicted fall of the cost: below the first the step was too long, above the second the damping
+falls."""
 
 MANY, BLOCK = 1000, 100
-"""Residuals from which on their triangle takes less time than they do, and how many are taken at a time; measured."""
+"""Number of residuals above which their QR triangle saves time, and rows per block of it; measured."""
 
 Weigh = Callable[["End"], tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R P"]]]
 
@@ -43,12 +45,12 @@ def together(
     looks: "Callable[[list[Any]], list[End]]",
     ended: Callable[[], Any] = bool,
 ) -> list[T]:
-    """Go on with several searches at once, and look where all of them want to at a time; return what they found.
+    """Run several searches at once with shared model evaluations; return their results.
 
     Args:
-        searches: each yields where it wants to look.
-        looks: what is there.
-        ended: called whenever one has ended.
+        searches: each yields the point to evaluate next.
+        looks: evaluates a list of points.
+        ended: called whenever a search has ended.
     """
     found: dict[int, T] = {}
     sent: dict[int, Any] = dict.fromkeys(range(len(searches)))
@@ -72,24 +74,24 @@ def descent(
     steps: int = MAX_STEPS,
     ask: Callable[[Float[np.ndarray, "P"], Any], Any] = lambda *where: where,
 ) -> "Generator[Any, End, tuple[End, bool]]":
-    """Minimise a sum of squares from a start; return where, and whether it has ended before it ran out of steps.
+    """Minimise a sum of squares from a start; return the end, and whether it was reached before the steps ran out.
 
-    It yields where to look, and is sent what is predicted there, so that several searches may look together.
+    The generator yields a point and is sent the prediction there, so that several searches can share evaluations.
 
     Args:
-        weigh: gives residuals and their slope there.
+        weigh: returns residuals and their slope at an evaluated point.
         start: theta.
-        held: what the model holds at the first point.
-        to_the_end: whether it goes on where the model would choose again.
+        held: assignment that the model keeps at the first point.
+        to_the_end: whether to continue where the model would choose another assignment.
         steps: at most.
-        ask: what is yielded of theta and what the model holds at the last point.
+        ask: makes the yielded point from theta and the last assignment.
     """
 
     def at(here: End) -> tuple[End, np.ndarray, np.ndarray]:
         residuals, slope = weigh(here)
         with np.errstate(over="ignore", invalid="ignore"):  # a pole at critical damping has no slope
             here = here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
-        if len(residuals) > MANY:  # the triangle of both has their lengths and angles, so all that a step needs
+        if len(residuals) > MANY:  # their triangle keeps lengths and angles: enough for a step
             both = _triangle(np.column_stack([slope, residuals]))
             residuals, slope = both[:, -1], both[:, :-1]
         return here, residuals, slope
@@ -108,7 +110,7 @@ def descent(
         step = _step(residuals, slope, 0.0 if near else damping)
         there, *weighed = at((yield ask(here.theta + step, here.choice.held)))
         limit = here.cost + LEVEL * (1 + here.cost)
-        if near:  # gains are rounding soon, and no measure of a step any more
+        if near:  # gains are close to rounding and no longer measure a step
             if there.cost > limit:
                 return here, True
             before = length
@@ -121,13 +123,13 @@ def descent(
 
 
 def _triangle(rows: Float[np.ndarray, "R p"]) -> Float[np.ndarray, "p p"]:
-    """Return the triangle R of QR, some rows at a time: of many at once a library makes threads that wait."""
+    """Return the triangle R of QR, in blocks of rows: for many rows at once LAPACK starts threads that wait."""
     blocks = np.pad(rows, ((0, -len(rows) % BLOCK), (0, 0))).reshape((-1, BLOCK, rows.shape[1]))
     return np.asarray(np.linalg.qr(np.concatenate(np.linalg.qr(blocks, mode="r")), mode="r"))
 
 
 def _next_damping(damping: float, gain: float) -> float:
-    """Return the damping after a step that has gained so much of what was foreseen; NaN where there is no answer."""
+    """Return the damping after a step with this ratio of actual to predicted gain; NaN if the model had no solution."""
     if not gain > GAINS[0]:
         return FACTOR * damping or DAMPING
     if gain > GAINS[1]:
@@ -136,14 +138,14 @@ def _next_damping(damping: float, gain: float) -> float:
 
 
 def step_length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> float:
-    """Return the length of the next whole step [sd], as in `convergence`; infinite where there is no slope."""
+    """Return the length of the next undamped step [sd], as in `convergence`; infinite if there is no slope."""
     if not np.isfinite(slope).all():
         return np.inf
     return float(np.linalg.norm(reached(slope).T @ residuals))
 
 
 def _step(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"], damping: float) -> np.ndarray:
-    """Return the step to the least cost along a straight line, with each coordinate damped by its own slope."""
+    """Return the step to the least cost of the linear model, with each coordinate damped by its own slope."""
     widths = np.sqrt(damping) * np.linalg.norm(slope, axis=0)
     damped = np.vstack([slope, np.diag(widths)])
     step, *_ = np.linalg.lstsq(damped, -np.append(residuals, np.zeros(len(widths))), rcond=RANK_TOLERANCE)
@@ -151,34 +153,34 @@ def _step(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"], da
 
 
 # -------- Least squares
-# One search: Levenberg-Marquardt from one start, and the model with its Jacobian at a point.
+# One search: Levenberg-Marquardt from one start, and the evaluation of model and Jacobian at a point.
 
 WHOLE, NOTHING = np.array(1.0), np.array(0.0)
 TO_THE_END, UNTIL_REMATCHED = np.array(True), np.array(False)
 STEEP = 1e-2
-"""Gradient of the cost by theta above which a search has not ended in an optimum; assumed."""
+"""Gradient of the cost by theta above which a search has not reached an optimum; assumed."""
 WORTH = 1e-7
-"""Fall of the cost by a whole search that is worth another one; assumed."""
+"""Fall of the cost by a search that justifies another search; assumed."""
 TURNS = 6
-"""Searches in a row at most, each with another choice of what the values belong to, or more steps."""
+"""Most searches in a row, each with another assignment of the values to modes, or with more steps."""
 
 
 class Row(NamedTuple):
-    """A combination that a search holds, weights' theta = value: one more residual, zero if the width is infinite."""
+    """A constraint weights' theta = value: one more residual, zero if the width is infinite."""
 
     weights: Float[AnyArray, "P"]
     value: Float[AnyArray, ""]
     width: Float[AnyArray, ""]
 
     def weighed(self, theta: AnyArray, residuals: AnyArray, slope: AnyArray) -> tuple[Any, Any]:
-        """Return residuals and their slope at theta with this one among them."""
+        """Return residuals and their slope at theta, with this row added."""
         xp = library(theta, residuals, slope)
         off = (self.weights @ theta - self.value) / self.width
         return xp.append(residuals, off), xp.vstack([slope, self.weights / self.width])
 
 
 class End(NamedTuple):
-    """Where one start ended: theta, sum of squares and its gradient, predictions and Jacobian, the model's choice."""
+    """End of one search: theta, sum of squares and its gradient, predictions and Jacobian, the model's choice."""
 
     theta: Any
     cost: Any
@@ -189,15 +191,15 @@ class End(NamedTuple):
 
     @property
     def score(self) -> float:
-        """Minus twice the logarithm of the probability of data, prior and what was said of each value."""
+        """Minus twice the logarithm of the probability of data, prior and labels."""
         return float(self.cost + self.choice.cost.sum())
 
 
 def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None) -> End:
-    """Return predictions and their Jacobian at theta, or else at the parameters' starting values.
+    """Return predictions and their Jacobian at theta, by default at the parameters' starting values.
 
-    No measured value is used: what values belong to is chosen by what was said of them alone. It is a search in which
-    nothing counts, so that what was compiled for the fit serves here as well.
+    No measured value is used: values are assigned to modes by their labels alone. This is a search in which all weights
+    are zero, so that the program compiled for the fit serves here as well.
     """
     blank = replace(without_priors(problem), sigma=np.full_like(problem.sigma, np.inf))
     start = problem.parameters.theta_start if theta is None else theta
@@ -205,18 +207,18 @@ def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None)
 
 
 def look(problem: InverseProblem, theta: Float[AnyArray, "P"], held: Any) -> End:
-    """Return what a search would find at theta, with what the model holds, without a step."""
+    """Evaluate the problem at theta as a search does, with a held assignment, without a step."""
     here = searched(problem, theta, held, TO_THE_END, NOTHING)[0]
     residuals, slope = (np.asarray(part) for part in problem.weigh(here.predicted, here.jacobian, np.asarray(theta)))
     return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
 
 
 LANES = 16
-"""Points at which several searches look together: that takes little more time than one."""
+"""Points evaluated together for several searches: they take little more time than one."""
 
 
 class Way(NamedTuple):
-    """A point, the directions (P, p) in which slopes are asked for, and what the model holds there."""
+    """A point, the directions (P, p) of the required slopes, and the assignment that the model holds there."""
 
     theta: Float[np.ndarray, "P"]
     directions: Float[np.ndarray, "P p"]
@@ -224,7 +226,7 @@ class Way(NamedTuple):
 
 
 def looks(whole: InParts, ways: Sequence[Way], lanes: int = LANES) -> list[tuple[np.ndarray, np.ndarray, Choice]]:
-    """Return predictions, their slopes (D, p) and the choice at several points, each with as many directions."""
+    """Return predictions, slopes (D, p) and the choice at several points with equal numbers of directions."""
     if len(whole.problems) > 1:
         each = (_predicted(whole, way.theta, way.held) for way in ways)
         return [(x, jacobian @ way.directions, choice) for (x, jacobian, choice), way in zip(each, ways, strict=True)]
@@ -245,7 +247,7 @@ def _looked(problem: InverseProblem, ways: Way) -> tuple[Array, Array, Choice]:
 
 
 def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> InverseProblem:
-    """Return the problem in which priors count nothing; those of nuisances too, unless they are to."""
+    """Return the problem without priors; with `but_nuisances`, those of the nuisances stay."""
 
     def free(item: Parameter) -> Parameter:
         if item.nuisance and but_nuisances:
@@ -256,17 +258,17 @@ def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> I
 
 
 def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None, choice: Any = None) -> End:
-    """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no answer.
+    """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no solution.
 
-    Where the model chooses what its values belong to, a search holds the choice and ends where another one has become
-    more probable; there the next one begins. Where that finds no end, one with the choice of an example is made.
+    If the model assigns its values to modes, a search holds the assignment and ends where another one becomes more
+    probable; there the next search begins. If this does not converge, a search with the example's assignment follows.
 
     Args:
         problem: model, data and unknowns.
         start: theta.
         example: the best end so far, if any.
-        choice: what the model may hold from a point nearby; where it stays the most probable one, that is all. So it is
-            where the example's own choice is not the most probable: nothing else belongs to that optimum.
+        choice: an assignment from a point nearby; if it stays the most probable one, no other search is made. Likewise
+            if the example's own choice is not the most probable one there: no other assignment belongs to that optimum.
     """
     if choice is not None:
         near = _held(problem, start, choice.by_shape())
@@ -282,15 +284,15 @@ def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | N
 
 
 def stay(problem: InverseProblem, end: End) -> End:
-    """Search from where another search has ended, and hold what it has chosen, whether or not that stays probable."""
+    """Continue a search from its end with its assignment held, whether or not that stays the most probable one."""
     held = end.choice.held
     return _held(problem, end.theta, None if held is None else held.by_shape())
 
 
 def _like(problem: InverseProblem, start: Float[AnyArray, "P"], example: End) -> list[End]:
-    """Search with the order that an example holds; where that is not the most probable choice, go on from there."""
+    """Search with the example's mode order held; if that is not the most probable choice, continue from there."""
     first = _held(problem, start, example.choice.held.by_place())
-    if np.isfinite(first.cost) and _is_steep(first):  # held apart where two want to change places
+    if np.isfinite(first.cost) and _is_steep(first):  # the held order blocks two modes from crossing
         first = _held(problem, first.theta, first.choice.held.by_shape())
     if first.choice.settled or not np.isfinite(first.cost):
         return [first]
@@ -303,9 +305,9 @@ def _is_steep(end: End) -> bool:
 
 
 def choosing(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None) -> End:
-    """Search, beginning again wherever another choice is more probable, until one stays so or `TURNS` are over.
+    """Search, and restart wherever another choice is more probable, until one stays so or after `TURNS` searches.
 
-    Then it has not ended: its choice is not settled. An example is of no use to it.
+    After `TURNS` it has not converged: its choice is not settled. The example is not used.
     """
     held = None
     for _ in range(TURNS):
@@ -317,7 +319,7 @@ def choosing(problem: InverseProblem, start: Float[AnyArray, "P"], example: End 
 
 
 def _held(problem: InverseProblem, start: Float[AnyArray, "P"], held: Any) -> End:
-    """Search with what is held; afresh after running out of steps, as long as that gains something."""
+    """Search with a held assignment; restart when steps run out, as long as the cost still falls."""
     before = np.inf
     for _ in range(TURNS):
         end, finished = searched(problem, start, held, TO_THE_END)
@@ -335,9 +337,9 @@ def searched(
     weight: np.ndarray = WHOLE,
     row: Row | None = None,
 ) -> tuple[End, bool]:
-    """Search from and to host arrays, with values that do not count: one program is loaded for starts and data alike.
+    """Search from and to host arrays, with padded values of weight zero: one program serves all starts and data.
 
-    Nothing that is held lets the model choose; no row holds no combination of the unknowns.
+    Without a held assignment the model chooses; without a row no combination of the unknowns is held.
     """
     parts = problem.in_parts()
     row = row or Row(np.zeros(len(start)), NOTHING, np.array(np.inf))
@@ -360,7 +362,7 @@ def searched(
 
 
 def _predicted(whole: InParts, theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
-    """Return predictions, their Jacobian and what they belong to, computed part by part."""
+    """Return predictions, their Jacobian and the choice, computed part by part."""
     places, own = whole.parts.places, whole.parts.split(held)
     each = zip(whole.problems, own, strict=True)
     found = [jax.device_get(_with_jacobian(part, theta, held)) for part, held in each]
@@ -381,12 +383,12 @@ def search(
     row: Row,
     steps: int = MAX_STEPS,
 ) -> tuple[End, Array]:
-    """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose again.
+    """Run Levenberg-Marquardt from one start with a held assignment, to the end or until the model would choose again.
 
-    Returns also whether it has ended before it ran out of steps (see `descent`). Residuals count with their weight,
-    and what holds a combination with its own.
+    Return also whether it ended before the steps ran out (see `descent`). `weight` applies to the residuals; the row
+    of a held combination has its own.
     """
-    from ident.inference.levenberg_marquardt import damped_minimum  # optimistix is long to import
+    from ident.inference.levenberg_marquardt import damped_minimum  # optimistix is slow to import
 
     def there(theta: Array, held: Any) -> tuple[End, Array, Array]:
         predicted, J, choice = _with_jacobian(problem, theta, held)
@@ -398,7 +400,7 @@ def search(
 
 @jit
 def _with_jacobian(problem: InverseProblem, theta: AnyArray, held: Any) -> tuple[Array, Array, Choice]:
-    """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
+    """Return predictions and their Jacobian; jitted, so that the solver's several calls trace it once."""
     return _with_slopes(problem, theta, jnp.eye(theta.shape[0]), held)
 
 
@@ -410,22 +412,22 @@ def _with_slopes(problem: InverseProblem, theta: AnyArray, directions: Array, he
 
 
 # -------- Convergence
-# Whether a search has ended in an optimum: how far the next step would lead, in standard deviations.
+# Whether a search has reached an optimum: the length of the next step in standard deviations.
 
 OPTIMUM_STEP = 1e-3
 """Length of the Gauss-Newton step [sd] below which a point is an optimum; assumed."""
 SEVERAL = 3.0
-"""Way in theta, e-folds of a stiffness, over which, and over as much again, an open direction's cost does not rise;
-assumed."""
+"""Distance in theta, e-folds of a stiffness; a direction is open if its cost does not rise over this distance and twice
+this distance; assumed."""
 RISE = 1e-2
-"""Rise of the cost over that way that would not be noticed; assumed."""
+"""Rise of the cost over that distance that counts as none; assumed."""
 
 
 class Convergence(NamedTuple):
-    """How a search ended.
+    """Convergence of a search.
 
     Attributes:
-        step: [sd] length of the next Gauss-Newton step in all directions but the open ones.
+        step: [sd] length of the next Gauss-Newton step in all but the open directions.
         open: (N, P) directions in theta along which the cost stays flat or still falls over several e-folds.
     """
 
@@ -434,22 +436,22 @@ class Convergence(NamedTuple):
 
     @property
     def converged(self) -> bool:
-        """Whether this is an optimum in all directions but the open ones."""
+        """Whether this is an optimum in all but the open directions."""
         return self.step < OPTIMUM_STEP
 
 
 def convergence(problem: InverseProblem, end: End) -> Convergence:
-    """Measure the next step from where a search ended.
+    """Measure the next step from the end of a search.
 
     With residuals r and their slope J = U S V', the Gauss-Newton step is -V S^-1 U'r. In standard deviations of the
-    linear approximation, V S^-1, its components are those of U'r: a gradient, measured by what is known.
-    Directions of which J sees nothing are open, and so are those known to less than several e-folds along which the
-    model itself shows that the cost does not rise.
+    linear approximation, V S^-1, its components are those of U'r: a gradient scaled by the information.
+    Directions in the null space of J are open. So are directions determined to less than several e-folds along which
+    the cost of the full model does not rise.
     """
     residuals, slope = weighed(problem, end)
     if not (np.isfinite(residuals).all() and np.isfinite(slope).all()):
         return Convergence(np.inf, np.empty((0, len(end.theta))))
-    square = np.vstack([slope, np.zeros((slope.shape[1], slope.shape[1]))])  # so that all directions are there
+    square = np.vstack([slope, np.zeros((slope.shape[1], slope.shape[1]))])  # so that Vt spans all directions
     U, s, Vt = np.linalg.svd(square, full_matrices=False)
     components = U[: len(residuals)].T @ residuals
     open_ones = s <= RANK_TOLERANCE * max(s[0], 1e-300)
@@ -463,29 +465,29 @@ def convergence(problem: InverseProblem, end: End) -> Convergence:
 
 
 def weighed(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
-    """Return residuals and their slope, without a program for them."""
+    """Return residuals and their slope, without a compiled program."""
     residuals, slope = problem.weigh(*(np.asarray(part) for part in (end.predicted, end.jacobian, end.theta)))
     return np.asarray(residuals), np.asarray(slope)
 
 
 # -------- Descent
-# The last way to an optimum that Levenberg-Marquardt nears but slowly, or from a place where it gets stuck.
+# BFGS: the last part of the way where Levenberg-Marquardt converges slowly or gets stuck.
 
 WALL = 1e3
-"""Times the cost at the start that counts where the model has no answer; assumed."""
+"""Cost where the model has no solution, as a multiple of the cost at the start; assumed."""
 ITERATIONS = 200
-"""Iterations at most."""
+"""Most iterations."""
 AGAIN = 4
-"""Times at most that a search which got stuck begins again."""
+"""Most restarts of a stuck search."""
 
 
 def ended(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
-    """Return where a search ended, and how; one that got stuck goes on until it ends, or is as it was.
+    """Return a search's end and its convergence; a stuck search continues until it converges, or stays as it was.
 
-    Gauss-Newton leaves the residuals' own bend out. Where they are large, as in a poor optimum or where two modes
-    cross, its steps then take the rest of the way by a constant factor only; BFGS learns the bend from the gradients.
-    Where it gets no further either, as where what the values belong to changes with every step downhill, the search
-    begins again half the way towards the parameters' own start.
+    Gauss-Newton neglects the curvature of the residuals. Where they are large, as in a poor optimum or where two modes
+    cross, it converges only linearly; BFGS learns the curvature from the gradients. If BFGS gets stuck too, for example
+    because the assignment of values to modes changes with every step downhill, the search restarts halfway towards the
+    parameters' starting values.
     """
     stuck = here = end, convergence(problem, end)
     for _ in range(AGAIN):
@@ -502,8 +504,8 @@ def ended(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
 
 
 def _descended(problem: InverseProblem, end: End) -> End:
-    """Minimise half the cost from there, in coordinates of one standard deviation each, with the choice held."""
-    from scipy.optimize import minimize  # long to import, and most fits need none
+    """Minimise half the cost from an end, in coordinates scaled to one standard deviation, with the choice held."""
+    from scipy.optimize import minimize  # slow to import, and most fits do not need it
 
     _, s, Vt = np.linalg.svd(weighed(problem, end)[1], full_matrices=False)
     ways = Vt.T / np.maximum(s, 1 / SEVERAL)
@@ -520,23 +522,23 @@ def _descended(problem: InverseProblem, end: End) -> End:
 
 
 # -------- Searcher
-# Searches from many starts: where data are many, first among a part of them, then among all from where that ended.
+# Searches from many starts: with many data, first over a part of them, then over all from the end of that search.
 
 SAME = 1e-3
-"""Difference of theta within which two searches among a part have ended in the same optimum."""
+"""Difference of theta within which two searches over a part have reached the same optimum."""
 
 
 class Searcher:
-    """Searches as `solve` does, in less time where data are many.
+    """Search as `solve` does, in less time for many data.
 
-    A search among many data costs as much as it takes steps. Most of these are needed to come near to an optimum, which
-    a part that is like the whole serves as well (`problem.Parts`); there are a few left among all. Starts that end in
-    one optimum of the part end in one of the whole, which is searched once. Where the part has no answer, the search is
-    among all from the beginning.
+    The time of a search over many data grows with its steps. Most steps approach an optimum, and a representative part
+    of the data suffices for these (`problem.Parts`); only a few steps over the full data remain. Starts that reach one
+    optimum of the part share one search over the full data. If the part has no solution, the whole search is over the
+    full data.
 
     Args:
         problem: model, data and unknowns.
-        search: how to search from one start, with the best end so far, if any.
+        search: searches from one start, with the best end so far, if any.
     """
 
     def __init__(self, problem: InverseProblem, search: Callable[[InverseProblem, Any, End | None], End] = solve):
@@ -546,12 +548,12 @@ class Searcher:
         self.ends: list[tuple[End, End]] = []
 
     def __call__(self, start: Float[Any, "P"], example: End | None = None, *, near: bool = False) -> End:
-        """Return where a search from a start ends.
+        """Return the end of a search from a start.
 
         Args:
             start: theta.
             example: the best end so far, if any.
-            near: whether the start is near an optimum already: then the search among all begins there.
+            near: whether the start is already near an optimum: then the search is over all data from the beginning.
         """
         if self.part is None:
             return self.search(self.problem, start, example)
