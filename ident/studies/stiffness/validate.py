@@ -34,7 +34,7 @@ class ValidateResult(Result):
     """Prediction errors of a fit for parts of the campaign that were left out.
 
     The table has a row for each measurement: value, prediction from the others, standard deviation [SI], and error in
-    standard deviations. The figure compares predicted and observed quantiles, and shows the error of each part.
+    standard deviations. The figure shows the error of each part.
 
     Attributes:
         arm: the arm as in its file.
