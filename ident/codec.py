@@ -60,7 +60,7 @@ def encode(value: Any, arrays: list[Any]) -> Any:
         if (names := _field_names(kind)) is not None:
             return {"record": [_name(kind), {name: encode(getattr(value, name), arrays) for name in names}]}
     for name, (container, parts, _) in CONTAINERS.items():
-        if isinstance(value, container):
+        if isinstance(value, container) and not hasattr(kind, "_fields"):  # a foreign named tuple would come back bare
             return {name: [encode(part, arrays) for part in parts(value)]}
     raise CodecError(f"{value!r:.60} can't be kept in a file")
 
@@ -80,8 +80,7 @@ def decode(document: Any, arrays: Sequence[Any]) -> Any:
 def value_digest(value: Any) -> str:
     """Return a hash of a value that `encode` can write."""
     arrays = list[Any]()
-    text = json.dumps(encode(value, arrays), sort_keys=True)
-    hashed = hashlib.sha256(text.encode("utf-8", "surrogatepass"))
+    hashed = hashlib.sha256(json.dumps(encode(value, arrays)).encode())
     for array in map(np.asarray, arrays):
         hashed.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
     return hashed.hexdigest()

@@ -376,7 +376,7 @@ def in_batches(f: Callable[[Any], Any], columns: Any, size: int, progress: Progr
 
     Args:
         f: takes and returns trees of arrays (..., size), each column by itself.
-        columns: a tree of arrays (..., K).
+        columns: a tree of arrays (..., K), one column at least.
         size: columns at a time.
         progress: wraps the numbers of the batches, to show a bar.
     """

@@ -8,8 +8,12 @@ from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
 from os import PathLike
 from pathlib import Path
+from typing import TypeVar
 
 from ident.errors import InputError, one_line, refusal
+
+K = TypeVar("K")
+V = TypeVar("V")
 
 LOG = logging.getLogger("ident")
 """Says what is read, compiled and written, where logging is switched on."""
@@ -140,3 +144,11 @@ def decode(data: bytes, file: str, *, by_instrument: bool = False) -> str:
         line = len((before + b".").splitlines())
         got, remedy = f"the byte 0x{byte:02x}, which is no UTF-8", "save the file as UTF-8"
         raise refusal(f"{file}:{line}", got, "text in UTF-8", remedy) from None
+
+
+def by_key(pairs: Iterable[tuple[K, V]]) -> dict[K, list[V]]:
+    """Group values by key, in the order of the pairs."""
+    groups: dict[K, list[V]] = {}
+    for key, value in pairs:
+        groups.setdefault(key, []).append(value)
+    return groups

@@ -138,6 +138,7 @@ def test_what_is_not_ours_is_refused():
         {1, 2},
         iter([]),
         np.array([Foreign()]),
+        np.linalg.eigh(np.eye(2)),
     ):
         with pytest.raises(CodecError):
             encode({"a": [value]}, [])

@@ -1,4 +1,4 @@
-"""One set of named limits for hypotheses: of data with sigmas in `identify`, of traces without in `vibrate`."""
+"""The limits of hypotheses stand in two tables, for data with sigmas and for traces; no other limit has their names."""
 
 import ast
 from pathlib import Path
@@ -18,7 +18,7 @@ APART = dict.fromkeys(("instruments", "resonance", "design_search", "frf", "moti
 def constants(path):
     """Names that a module gives to values at its top level."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        targets = node.targets if isinstance(node, ast.Assign) else []
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", ast.Pass())]
         for target in targets:
             yield from (name.id for name in ast.walk(target) if isinstance(name, ast.Name))
 

@@ -18,7 +18,7 @@ ROOMS = {
     "inference": "Inference",
     "identify": "Identification of an arm",
     "vibrate": "Vibration",
-    "assess": "Assessment",
+    "studies": "Assessment",
 }
 """Folders with methods, in the order of the page."""
 SECTION = re.compile(r"^(Args|Attributes|Returns|Raises|References|Yields|Note|Example):$", re.MULTILINE)
@@ -53,7 +53,9 @@ class Methods(Directive):
                 environment.note_dependency(str(path))
                 for method in methods(path):
                     section += entry(method)
-            sections += [section] if len(section) > 1 else []
+            if len(section) < 2:
+                raise self.error(f"no method of ident/{folder} names its sources")
+            sections.append(section)
         return sections
 
 

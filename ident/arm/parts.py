@@ -540,11 +540,6 @@ class CurvedSprings(eqx.Module):
             tors = (self.tors.secant(s) + self.tors.steepening(s) * s) * straight
         return bend, tors
 
-    def sizes(self, moment: Vectors) -> tuple[Angle, Angle]:
-        """Return the sizes of the bushings' moments in bending and in torsion, in the unit of the moments."""
-        across, along = self._parts(moment)
-        return jnp.sqrt((across * across).sum(0)), jnp.abs(along)
-
     def _parts(self, phi: Vectors) -> tuple[Vectors, Angle]:
         along = (self.axis * phi).sum(0)
         return phi - self.axis * along, along

@@ -152,7 +152,9 @@ def _changed(cut: CutArm, amounts: Float[Array, "amounts"]) -> Arm:
     return eqx.tree_at(lambda arm: arm.joints, cut.arm, tuple(joints))
 
 
-def _rows(frequency: Array, reads: Array, choice: Choices, conditions: Conditions) -> Float[Array, "D"]:
+def _rows(
+    frequency: Float[Array, "m S"], reads: Float[Array, "r"], choice: Choices, conditions: Conditions
+) -> Float[Array, "D"]:
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     labelled = picked(frequency[:, named.states[:first]], choice[0][:, :first])
     values = [labelled, jnp.zeros(named.shapes), picked(frequency[:, unnamed.states], choice[1]), reads]

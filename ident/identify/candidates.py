@@ -184,7 +184,12 @@ def _columns(x: Any, columns: Int[np.ndarray, "B"]) -> Float[Array, "*n B"]:
 
 @jit
 def _observe(
-    arm: Arm, parameters: Parameters, count: int, theta: Array, posture: Array, loads: Loads
+    arm: Arm,
+    parameters: Parameters,
+    count: int,
+    theta: Float[Array, "P B"],
+    posture: Float[Array, "driven B"],
+    loads: Loads,
 ) -> tuple[Float[Array, "R B"], Float[Array, "R P B"]]:
     """Return frequencies (one more than `count`), deflection and shares of the modes, and the Jacobian by theta."""
     m = min(count + 1, arm.degrees_of_freedom)

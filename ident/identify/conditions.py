@@ -349,7 +349,12 @@ def as_real(shapes: Complex[Array, "n K *batch"]) -> Float[Array, "n K *batch"]:
     return (shapes / jnp.sqrt(squared / jnp.abs(squared))).real
 
 
-def _compared(y: AnyArray, u: AnyArray, b: AnyArray, weight: AnyArray) -> Float[AnyArray, "K n *batch"]:
+def _compared(
+    y: Float[AnyArray, "K n *#batch"],
+    u: Float[AnyArray, "K n *batch"],
+    b: Float[AnyArray, "K n *batch"],
+    weight: Float[AnyArray, n * batch],
+) -> Float[AnyArray, "K n *batch"]:
     """Return the predicted ratios, of y, u and b (K, n, *batch); that of the reference, which is no row, means nothing.
 
     A step t b across u counts for t^2 weight (n, *batch).

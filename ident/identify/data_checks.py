@@ -341,7 +341,9 @@ def repeated(campaign: Campaign) -> list[list[int]]:
     return [*same.values()]
 
 
-def _farthest_apart(value: np.ndarray, sigma: np.ndarray, limit: float) -> tuple[int, int] | None:
+def _farthest_apart(
+    value: Float[np.ndarray, "n"], sigma: Float[np.ndarray, "n"], limit: float
+) -> tuple[int, int] | None:
     """Return the pair of values (n,) farthest apart, the first of several, if by more than a limit [sd].
 
     As hypot(a, b) is at least (a + b) / sqrt(2), a value can be in such a pair only if it is above the lowest

@@ -7,7 +7,7 @@ square of the implausibility. Causes of a vibration have no such cost, as the no
 is the residual share of its energy (`ident.vibrate.hypotheses`).
 """
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -344,7 +344,10 @@ class Hypotheses:
         return int(np.isfinite(np.asarray(self.problem.sigma)).sum()) + proper - seen
 
     def search(
-        self, sets: Sequence[Sequence[Perturbation]] = ((),), ridges: Sequence[float] = RIDGES, ended: Any = bool
+        self,
+        sets: Sequence[Sequence[Perturbation]] = ((),),
+        ridges: Sequence[float] = RIDGES,
+        ended: Callable[[], Any] = bool,
     ) -> list[Perturbed | None]:
         """Return the optimum with each set of perturbations; None where the model has no solution.
 

@@ -131,7 +131,11 @@ def _servo(drives: str) -> Servo:
 
 @jit
 def _outline(
-    arm: Arm, posture: Float[Array, "driven"], phi: Phi, shapes: Float[Array, "n m"], servo: Servo
+    arm: Arm,
+    posture: Float[Array, "driven"],
+    phi: Phi,
+    shapes: Float[Array, "n m"],
+    servo: Servo,
 ) -> tuple[Float[Array, "3 K"], Float[Array, "3 K m"]]:
     chain = at_posture(arm, posture, None, servo)
 

@@ -491,7 +491,12 @@ Solved = tuple[Modes | None, Float[Array, "K m S *batch"] | None]
 
 
 def _values(
-    chain: Chain, at: StaticEquilibrium, conditions: Conditions, solved: Solved, chosen: Array | None, data: Data | None
+    chain: Chain,
+    at: StaticEquilibrium,
+    conditions: Conditions,
+    solved: Solved,
+    chosen: Array | None,
+    data: Data | None,
 ) -> Float[Array, "D *batch"]:
     """Return all values, given all modes, their frequencies (`by_definition`) and the mode of each labelled value."""
     modes, table = solved
@@ -519,7 +524,9 @@ def _values(
     return jnp.concatenate(values)[conditions.order]
 
 
-def _counted(own: Array, above: Array, conditions: Conditions, data: Data | None) -> Float[Array, "n *batch"]:
+def _counted(
+    own: Float[Array, "n *batch"], above: Float[Array, "n *batch"], conditions: Conditions, data: Data | None
+) -> Float[Array, "n *batch"]:
     """Return the frequencies of the unnamed values, smooth where the highest measured mode and the next one cross.
 
     The n-th frequency from below, the lesser of two that cross, has a ridge there, on which a search would get stuck.

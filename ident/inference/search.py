@@ -355,7 +355,9 @@ def searched(
         return row.weighed(end.theta, *(weight * part for part in weighed(problem, end)))
 
     def look_there(asked: list[Any]) -> list[End]:
-        return [End(theta, np.nan, theta, *_predicted(parts, theta, held)) for theta, held in asked]
+        return [
+            End(theta, np.nan, np.full_like(theta, np.nan), *_predicted(parts, theta, held)) for theta, held in asked
+        ]
 
     (found,) = together([descent(weigh, np.asarray(start), held, bool(to_the_end))], look_there)
     return found

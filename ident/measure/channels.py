@@ -18,8 +18,8 @@ from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, LackingError, NoChannelError, Recording, is_recording, read_recording
 from ident.measure.recordings.recording import ONE_NAME
 from ident.measure.speeds import Speed, parse_speeds
-from ident.measure.table import Findings, csv_text, grouped, guarded, parse_number, read_table
-from ident.text import one_line, quoted, which_file
+from ident.measure.table import Findings, csv_text, guarded, parse_number, read_table
+from ident.text import by_key, one_line, quoted, which_file
 from ident.units import sensor_factor
 
 FORCE, RESPONSE, REFERENCE, TIME, IGNORED = "force", "response", "reference", "time", "ignore"
@@ -74,7 +74,7 @@ class RecordedChannel:
         Raises:
             InputError: neither file nor table has a unit, they contradict each other, or it is of another quantity.
         """
-        channel, said = f"channel {quoted(self.channel)}", self.unit or unit
+        channel, said, quantities = f"channel {quoted(self.channel)}", self.unit or unit, tuple(quantities)
         expected = f"a unit such as {example}: neither the file nor the table has one"
         require(said, self.where, f"no unit of {channel}", expected, "fill the cell", "unit")
         factors = ((quantity, sensor_factor(said, quantity)) for quantity in quantities)
@@ -82,18 +82,19 @@ class RecordedChannel:
         expected = f"a unit of {named}, such as {example}"
         remedy = "correct the unit" if self.unit else "write the unit and the sensitivity into the table"
         require(quantity, self.where, f"{quoted(said)} of {channel}", expected, remedy, "unit")
-        by_file = sensor_factor(unit, quantity)
+        physical = any(sensor_factor(unit, each) is not None for each in quantities)
         if self.sensitivity is not None:
             got = f"a sensitivity of {channel}, whose file is in {quoted(unit or self.unit)}"
             expected = "numbers of the file for one unit of the table"
-            fine = self.unit and by_file is None
+            fine = self.unit and not physical
             require(fine, self.where, got, expected, "leave the cell empty", "sensitivity")
             got = f"a sensitivity in volts of {channel}, whose file is in {quoted(unit or 'no unit')}"
             expected, remedy = f"a file in one of {', '.join(VOLTAGES)}", "write the file's number for one unit"
             require(not self.in_volts or unit in VOLTAGES, self.where, got, expected, remedy, "sensitivity")
             return quantity, factor / (self.sensitivity * (1 / VOLTAGES[unit] if self.in_volts else 1.0))
+        by_file = sensor_factor(unit, quantity)
         fine = not unit or (by_file is not None and math.isclose(by_file, factor, rel_tol=1e-6))
-        remedy = "give its sensitivity" if by_file is None else "correct one of them, or leave the cell empty"
+        remedy = "correct one of them, or leave the cell empty" if physical else "give its sensitivity"
         require(fine, self.where, f"{quoted(said)} of {channel}", f"{quoted(unit)}, as in the file", remedy, "unit")
         return quantity, factor
 
@@ -238,7 +239,7 @@ def _channel(row: Row) -> ChannelRow | None:
 
 def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
     """Yield one problem for each channel named by several rows, at least one of which counts."""
-    for same in grouped(rows, lambda row: (row.file, row.channel)).values():
+    for same in by_key(((row.file, row.channel), row) for row in rows).values():
         if len(same) > 1 and any(row.counts for row in same):
             count = "twice" if len(same) == 2 else f"{len(same)} times"
             got = f"{quoted(same[0].channel)} of {quoted(same[0].file)} {count}"

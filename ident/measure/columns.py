@@ -247,8 +247,9 @@ def read_header(
         got = f"the unknown column {quoted(name)}" if name else "a column without a name"
         column = one_line(name[:LONGEST_QUOTE]) if strict else ""
         findings.append(Problem(where, got, shown, remedy if near else "remove or rename the column", column))
+    bare = {name_and_unit(name)[0].lower() for name in others} if shown else ()
     for rule in rules:
-        if rule.required and rule.name not in names:
+        if rule.required and rule.name not in names and rule.name not in bare:  # one with a unit too many is there
             expected = f"'{rule.name} [{EXAMPLES[rule.quantities[0]]}]'" if rule.quantities else rule.name
             near = "" if shown else nearest(rule.name, (name_and_unit(name)[0] for name in others))
             remedy = f"rename {one_line(near[:LONGEST_QUOTE])}" if near else "add the column"
@@ -294,7 +295,13 @@ def rows_of(
 
 
 def read_rows(
-    data: bytes, path: str | Path, rules: Collection[Rule], findings: Findings, shown: str, *needed: str
+    data: bytes,
+    path: str | Path,
+    rules: Collection[Rule],
+    findings: Findings,
+    shown: str,
+    *needed: str,
+    strict: bool = False,
 ) -> list[Row]:
     """Return the rows of a table, each with its problems.
 
@@ -305,6 +312,7 @@ def read_rows(
         findings: where problems are put.
         shown: the columns in words, for messages.
         needed: what the rows are for, and what to do where there are none; nothing if that is fine.
+        strict: see `read_header`.
 
     Raises:
         InputError: it is no table, or its header is wrong.
@@ -313,6 +321,6 @@ def read_rows(
     is_column = lambda cell: name_and_unit(cell)[0].lower() in known  # noqa: E731
     _, delimiter, records = records_of(data, path, is_column, findings, *needed)
     require(records, one_line(str(path)), "no row", f"a header with {shown}", "write one")
-    header = read_header(records[0], rules, shown, findings)
+    header = read_header(records[0], rules, shown, findings, strict)
     refuse(findings)
     return rows_of(records[1:], header, delimiter, findings)

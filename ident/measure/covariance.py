@@ -12,8 +12,8 @@ from pathlib import Path
 
 from ident.errors import Problem, refusal, refuse
 from ident.measure.columns import Number, Row, Rule, read_rows
-from ident.measure.table import Findings, csv_text, grouped, guarded
-from ident.text import one_line, quoted
+from ident.measure.table import Findings, csv_text, guarded
+from ident.text import by_key, one_line, quoted
 
 CORRELATION = Number("a number from -1 to 1", "give a correlation, not a covariance", -1.0, 1.0)
 COVARIANCE_RULES = (
@@ -80,7 +80,7 @@ def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -
         covariance: of the whole groups.
     """
     found = []
-    for name, places in grouped([i for i, (name, _) in enumerate(rows) if name], lambda i: rows[i][0]).items():
+    for name, places in by_key((name, i) for i, (name, _) in enumerate(rows) if name).items():
         whole, members = covariance[name].correlation if covariance else (), [rows[i][1] - 1 for i in places]
         if len(places) > 1:
             found.append((tuple(places), tuple(tuple(whole[i][j] for j in members) for i in members)))
@@ -95,7 +95,7 @@ def covariance_path(path: str | Path) -> Path:
 def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covariance:
     """Read correlations from the bytes of a file; `path` names it in messages."""
     findings = Findings()
-    rows = read_rows(data, path, COVARIANCE_RULES, findings, ",".join(COVARIANCE_COLUMNS))
+    rows = read_rows(data, path, COVARIANCE_RULES, findings, ",".join(COVARIANCE_COLUMNS), strict=True)
     for name, n in sizes.items():
         if n > LARGEST:
             where, got = one_line(str(path)), f"a group {quoted(name)} of {n} rows"

@@ -97,7 +97,7 @@ def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setup
         InputError: the file has errors; all are listed.
     """
     findings = Findings()
-    rows = read_rows(data, path, SETUP_RULES, findings, f"one of {', '.join(SETUP_COLUMNS)}")
+    rows = read_rows(data, path, SETUP_RULES, findings, f"one of {', '.join(SETUP_COLUMNS)}", strict=True)
     found: dict[str, Setup] = {}
     for row in rows:
         setup = _setup(row, names)

@@ -12,9 +12,9 @@ from ident.errors import Problem, refuse
 from ident.measure.columns import Rule
 from ident.measure.log import FARTHEST
 from ident.measure.series import TIME, Sampled, Series, parse_series
-from ident.measure.table import Findings, grouped, read_table
+from ident.measure.table import Findings, read_table
 from ident.measure.trace import TRACE_ROWS_MIN, sampling_problems
-from ident.text import LARGEST_SAMPLES, NAME
+from ident.text import LARGEST_SAMPLES, NAME, by_key
 from ident.units import QUANTITIES
 
 CHANNELS = {"motor": "angle", "link": "angle", "torque": "moment", "load": "moment"}
@@ -54,7 +54,7 @@ def read_joint_log(path: str | Path, *, locked: bool = False) -> JointLog:
     data, findings = read_table(path, LARGEST_SAMPLES), Findings()
     header = parse_series(data, path, (), TRACE_ROWS_MIN, Findings()).header
     matches = [match for match in map(_CHANNEL.fullmatch, header.ignored) if match]
-    joints, rules = grouped(matches, lambda match: match["joint"]), list[Rule]()
+    joints, rules = by_key((match["joint"], match) for match in matches), list[Rule]()
     for joint, given in joints.items():  # the link unless it is locked, and one torque
         needed = {"motor"} if locked else {"motor", "link"}
         needed |= set() if any(match["channel"] == "load" for match in given) else {"torque"}

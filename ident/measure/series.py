@@ -15,11 +15,11 @@ from ident.measure.table import (
     Findings,
     decimal_mark,
     fitting,
-    grouped,
     name_and_unit,
     parse_number,
     records_of,
 )
+from ident.text import by_key
 
 TIME = "time"
 """Name of the column that every such file has."""
@@ -118,7 +118,7 @@ def parse_series(data: bytes, path: str | Path, rules: Sequence[Rule], rows: int
 
 def counted(problems: Iterable[Problem]) -> Iterator[Problem]:
     """Yield the first problem of each kind, and in which rows the others are: a column of bad cells is one mistake."""
-    for first, *more in grouped(problems, lambda each: (each.column, each.expected, each.remedy)).values():
+    for first, *more in by_key(((each.column, each.expected, each.remedy), each) for each in problems).values():
         rows = ", ".join(problem.where.rpartition(":")[2] for problem in more[:ROWS_NAMED])
         rest = f" and {len(more) - ROWS_NAMED} more" if len(more) > ROWS_NAMED else ""
         yield replace(first, got=f"{first.got} (also rows {rows}{rest})" if more else first.got)

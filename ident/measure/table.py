@@ -139,14 +139,6 @@ class Findings(list[Problem]):
             return None
 
 
-def grouped(items: Iterable[T], key: Callable[[T], Key]) -> dict[Key, list[T]]:
-    """Return items grouped by their key, in their order."""
-    groups: dict[Key, list[T]] = {}
-    for item in items:
-        groups.setdefault(key(item), []).append(item)
-    return groups
-
-
 def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
     """Return the bytes of a CSV file, or of an Excel sheet (`.xlsx`).
 

@@ -16,11 +16,10 @@ from ident.errors import Problem, noted, refuse, require
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
 from ident.measure.speeds import Speed
-from ident.measure.table import grouped
 from ident.modal.frf import HeldArm, ModalTest, Place, Processing
 from ident.modal.hammer import ANTI_ALIAS, MAINS, modal_tests, overload
-from ident.modal.test_files import Record, ambient_files, records
-from ident.text import one_line, quoted
+from ident.modal.recorded import Record, ambient_files, records
+from ident.text import by_key, one_line, quoted
 
 # -------- Correlations
 # Correlation functions of responses, block by block: a sufficient summary of an ambient record.
@@ -292,7 +291,7 @@ def ambient_tests(records: Sequence[Record], processing: Processing) -> tuple[Am
     Raises:
         InputError: records too short, of different channels, rates or references at one posture.
     """
-    return tuple(_test(group, processing) for group in grouped(records, lambda record: record.state).values())
+    return tuple(_test(group, processing) for group in by_key((record.state, record) for record in records).values())
 
 
 def _test(group: list[Record], processing: Processing) -> AmbientTest:
@@ -402,7 +401,7 @@ def measured_tests(
         processing: windows, estimator and band.
 
     Raises:
-        InputError: see `ident.modal.test_files`; also a record that is too short or has no hit.
+        InputError: see `ident.modal.recorded`; also a record that is too short or has no hit.
     """
     ambient = ambient_files(table, recordings)
     quiet = {name: each for name, each in recordings.items() if name in ambient}

@@ -14,7 +14,7 @@ from ident.measure.channels import (
 )
 from ident.measure.recordings import Recording, Shape
 from ident.modal.frf import HeldArm, ModeSet
-from ident.modal.test_files import _place, _state, check_state, is_finished
+from ident.modal.recorded import STATE, check_state, is_finished, place_of, state_of
 from ident.text import did_you_mean, one_line, quoted
 
 KINDS = ("frequency", "damping_ratio", "shape")
@@ -68,8 +68,8 @@ def _test(
     name: str, recording: Recording, rows: list[ChannelRow], sigma: Mapping[str, float], of: str | None
 ) -> FinishedTest:
     shapes = sorted(recording.shapes, key=lambda shape: shape.frequency)
-    check_state(rows)
     refuse([*_lacking(name, recording, rows), *_unsaid(name, shapes, sigma, of)])
+    check_state(rows, STATE)
     motion = np.array([[shape.motion[row.channel] for shape in shapes] for row in rows], complex)
     frequency, damping = (np.array([getattr(s, key) for s in shapes], float) for key in ("frequency", "damping_ratio"))
     sd = [s.sigma.get("frequency", sigma.get("frequency", 0.0) * s.frequency) for s in shapes]
@@ -77,10 +77,10 @@ def _test(
     for i, s in enumerate(shapes):
         share = sigma.get("shape", 0.0) * float(np.abs(motion[:, i]).max())
         sd += 2 * [s.sigma.get(row.channel, share) for row in rows]
-    covariance, places = np.diag(np.array(sd) ** 2), tuple(map(_place, rows))
+    covariance, places = np.diag(np.array(sd) ** 2), tuple(map(place_of, rows))
     band, of = (float(frequency[0]), float(frequency[-1])), next(s.of for s in shapes) or of or ""
     modes = FinishedModes(frequency, damping, motion, covariance, places, band, of)
-    return FinishedTest(*_state(rows[0]), (name,), modes)
+    return FinishedTest(*state_of(rows[0]), (name,), modes)
 
 
 def _lacking(name: str, recording: Recording, rows: list[ChannelRow]) -> Iterator[Problem]:

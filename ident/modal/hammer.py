@@ -12,7 +12,6 @@ from scipy.special import chdtri
 from ident.errors import refusal, require
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
-from ident.measure.table import grouped
 from ident.modal.frf import (
     MOVING,
     Frf,
@@ -27,8 +26,8 @@ from ident.modal.frf import (
     exponential_window,
     force_window,
 )
-from ident.modal.test_files import Source, sources
-from ident.text import one_line, quoted
+from ident.modal.recorded import Source, sources
+from ident.text import by_key, one_line, quoted
 
 # -------- Hits
 # Hammer hits in a record of the force: the start of each, and double, overloaded or cut-off hits.
@@ -361,7 +360,7 @@ def modal_tests(
     Raises:
         InputError: see `sources`; or a test without a good hit, or with a response missing for some force.
     """
-    groups = grouped(sources(table, recordings), lambda source: source.state).values()
+    groups = by_key((source.state, source) for source in sources(table, recordings)).values()
     return tuple(_test(group, processing or Processing()) for group in groups)
 
 

@@ -175,13 +175,6 @@ def data_uri(svg: str) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8", "replace")).decode("ascii")
 
 
-# -------- Moving modes
-# The first modes of an arm as an animated SVG without a script, still for readers who prefer no motion.
-
-WIDTH, HEIGHT, MODE_WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
-"""Size of a mode's picture, the height of its words, and the margin around the arm [px]."""
-
-
 # -------- Picture
 # Figures for a page: SVG that looks the same everywhere and is the same every time.
 

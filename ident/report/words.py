@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,7 @@ from ident.measure.kinds import DIFFERENCES
 from ident.measure.kinds import KINDS as MEASURED
 from ident.measure.load import format_direction
 from ident.report.report import Section, Table, cut, kept, written
+from ident.text import by_key
 from ident.units import QUANTITIES, stiffness_unit
 
 if TYPE_CHECKING:
@@ -271,14 +272,6 @@ def in_percent(share: float) -> str:
     if not -0.95 < share < 9.995:
         return f"{1 + share:.2g} times"
     return percent(share, "+")
-
-
-def by_key(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
-    """Group values by key, in the order of the pairs."""
-    together = dict[Any, list[Any]]()
-    for key, value in pairs:
-        together.setdefault(key, []).append(value)
-    return together
 
 
 def priors_in_words(items: Sequence["Parameter"]) -> Iterator[str]:

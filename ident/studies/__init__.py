@@ -8,7 +8,7 @@ from types import ModuleType
 STEPS = ("look", "measuring", "stiffness", "working", "cause", "cure")
 """The steps of a user's way. `tests/test_imports.py` lists which steps each may use."""
 UNSAVED = ("explore", "export", "show")
-"""Studies without a result file that can be loaded again."""
+"""Studies whose results cannot be loaded."""
 
 
 def _found() -> dict[str, str]:

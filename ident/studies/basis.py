@@ -34,6 +34,11 @@ def subject(basis: "Basis") -> str:
     return f"{cut(basis.arm.name, 36)}, {cut(basis.motion.name, 36)}"
 
 
+def motion_title(what: str, basis: "Basis") -> str:
+    """Return the title of a figure of an arm and its motion."""
+    return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"
+
+
 def same_motion(basis: "Basis") -> str:
     """Return the options for the same motion, load and values in another command; each after a space."""
     values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
@@ -219,7 +224,6 @@ def _fields(basis: "Basis", names: Sequence[str]) -> dict[str, dict[str, None]]:
 
 
 # -------- Springs
-# Curved springs in words: what a campaign can determine about them, and where vibration passes T1.
 
 
 def passage_findings(passages: Sequence["Passage"]) -> Iterator[Finding]:
@@ -229,8 +233,3 @@ def passage_findings(passages: Sequence["Passage"]) -> Iterator[Finding]:
             f"the load of {each.spring} passes T1 = {each.torque1:.3g} N m (from {each.low:.3g} to {each.high:.3g} "
             "N m): its stiffness changes within the motion"
         )
-
-
-def motion_title(what: str, basis: "Basis") -> str:
-    """Return the title of a figure of an arm and its motion."""
-    return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"

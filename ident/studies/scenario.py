@@ -22,7 +22,7 @@ from ident.vibrate.simulate import Superposition
 # -------- Phases
 # Unknown phases of the imbalances, and transmission errors; draws of them.
 
-GUESSED = ("assumed", "calibrated", "derived", "designed", "")
+UNSEEN_ORIGINS = ("assumed", "calibrated", "derived", "designed", "")
 """Origins with which a phase counts as unknown: not identified on this arm."""
 POSTURES = 200
 """Number of postures of a motion for the gears' own error."""
@@ -86,7 +86,7 @@ def unknowns(
 
 
 def _guessed(path: str, origins: Mapping[str, str], given: Collection[str]) -> bool:
-    return path not in given and origins.get(path, "") in GUESSED
+    return path not in given and origins.get(path, "") in UNSEEN_ORIGINS
 
 
 # -------- Basis

@@ -275,7 +275,9 @@ def _along(arm: Arm, path: Path, loads: Loads | None, computed: int, s: np.ndarr
     return ModesAlongPath(s, *(np.concatenate(part, -1) for part in parts))
 
 
-def _chunks(arm: Arm, postures: np.ndarray, loads: Loads | None, computed: int) -> Iterator[tuple[np.ndarray, ...]]:
+def _chunks(
+    arm: Arm, postures: Float[np.ndarray, "driven K"], loads: Loads | None, computed: int
+) -> Iterator[tuple[np.ndarray, ...]]:
     """Yield what `_modes` returns, some postures (driven, K) at a time, always as many to the compiled function."""
     batch = arm.batch
     size = max(1, TOGETHER // int(np.prod(batch))) if batch else TOGETHER // 64
@@ -312,7 +314,9 @@ def _modes(
     return modes.frequency, ratio, torsion_share(modes), vertical_share(modes), turned, whole
 
 
-def _damping_ratios(chain: Chain, shape: Array, omega: Array) -> Float[Array, "m *batch"]:
+def _damping_ratios(
+    chain: Chain, shape: Float[Array, "3 N *batch m"], omega: Float[Array, "m *batch"]
+) -> Float[Array, "m *batch"]:
     """Return the damping ratios of some modes; damping couples close modes: see `structural`."""
 
     def between(lost: Array) -> Float[Array, "m m *batch"]:
@@ -519,7 +523,9 @@ def _veerings(mac: Float[np.ndarray, "B gaps"], moments: Float[np.ndarray, "K"])
         yield Veering(float(moments[k] + moments[k + 1]) / 2, branches, float(mac[:, k].min()))
 
 
-def _interpolated(s: np.ndarray, values: np.ndarray, at: np.ndarray) -> Float[np.ndarray, "B T *batch"]:
+def _interpolated(
+    s: Float[np.ndarray, "K"], values: Float[np.ndarray, "B K *batch"], at: Float[np.ndarray, "T"]
+) -> Float[np.ndarray, "B T *batch"]:
     """Return values (B, K, *batch) at other lengths of the path by a curve that keeps their ups and downs."""
     from scipy.interpolate import PchipInterpolator  # long to import, and seldom needed
 

@@ -123,7 +123,11 @@ class Objective:
 
 @jit
 def _end_state_slopes(
-    arm: Arm, variables: tuple[Variable, ...], posture: AnyArray, loads: Loads | None, changes: AnyArray
+    arm: Arm,
+    variables: tuple[Variable, ...],
+    posture: Float[AnyArray, "driven 2"],
+    loads: Loads | None,
+    changes: Float[AnyArray, "V"],
 ) -> tuple[Float[Array, "2"], Float[Array, "2 V"]]:
     """Return first frequency and deflection after changes, and their slopes."""
 

@@ -213,7 +213,9 @@ def _solved(
     return jax.tree.map(lambda x: x[None], whole), last
 
 
-def _at_stages(h: Array, states: Array, a: Array) -> list[Float[Array, "n places"]]:
+def _at_stages(
+    h: Array, states: Float[Array, "S state"], a: Float[Array, "S stages"]
+) -> list[Float[Array, "n places"]]:
     """Return x and its two derivatives at the stages of some steps, by the states at their starts, in order of time."""
     a = a.reshape((len(a), STAGES, -1))
     x, v = (part[:, None] for part in jnp.split(states, 2, 1))

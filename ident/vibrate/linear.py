@@ -551,7 +551,9 @@ def _slow(
     return jax.tree.map(lambda x: jnp.moveaxis(by_interval(x), -2, 0), (M, D, slow))
 
 
-def _lost(model: Multibody, commanded: Command, y: Array, M: Array) -> Float[Array, "n n *batch"] | None:
+def _lost(
+    model: Multibody, commanded: Command, y: Float[Array, "n *batch"], M: Float[Array, "n n *batch"]
+) -> Float[Array, "n n *batch"] | None:
     """Return the damping of the bushings by loss factors, at rest in y, and mass: belts lose by their own time."""
     if model.loss is None and model.alpha is None:
         return None

@@ -138,7 +138,9 @@ def last_before(starts: Float[AnyArray, "n"], time: Float[AnyArray, "*t"]) -> In
     return jnp.searchsorted(jnp.asarray(starts), time, side="right", method=method) - 1
 
 
-def _horner(xp: Any, c: AnyArray, x: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+def _horner(
+    xp: Any, c: Float[AnyArray, "powers driven *t"], x: Float[AnyArray, "*t"]
+) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Return the polynomial c (powers, driven, *t) at x (*t), with its first and second derivative."""
     p, d, half_dd = c[0], xp.zeros_like(c[0]), xp.zeros_like(c[0])
     for lower in c[1:]:
@@ -152,7 +154,9 @@ def _kept(values: Any) -> Any:
     return values if isinstance(values, jax.Array) else np.asarray(values, float)
 
 
-def _faults(breaks: np.ndarray, c: np.ndarray, arrival: float) -> Iterator[tuple[str, str, str]]:
+def _faults(
+    breaks: Float[np.ndarray, " breaks"], c: Float[np.ndarray, "powers pieces driven"], arrival: float
+) -> Iterator[tuple[str, str, str]]:
     """Yield fault, expectation and remedy, the most basic fault first."""
     if len(breaks) < 2 or c.shape[1] != len(breaks) - 1 or 0 in c.shape:
         shape = f"coefficients {c.shape}"

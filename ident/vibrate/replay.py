@@ -119,7 +119,9 @@ def _smooth(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], r
     return _least_squares(t, angles, knots, _at_rest(free(t, nu=1).T))
 
 
-def _least_squares(t: np.ndarray, angles: np.ndarray, knots: np.ndarray, ends: Ends) -> BSpline:
+def _least_squares(
+    t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], knots: Float[np.ndarray, " knots"], ends: Ends
+) -> BSpline:
     """Return the spline on these knots that is nearest to samples (driven, T), with no speed at ends that are at rest.
 
     A clamped spline has no speed at an end where its two outermost coefficients are equal. The acceleration is left to

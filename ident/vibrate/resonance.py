@@ -444,7 +444,9 @@ def _ways(arm: Arm, crossings: Sequence[ResonanceCrossing], loads: Loads | None)
 
 
 @jit
-def _modes(arm: Arm, posture: AnyArray, loads: Loads | None) -> tuple[Float[Array, "m K"], Float[Array, "3 m K"]]:
+def _modes(
+    arm: Arm, posture: Float[AnyArray, "driven K"], loads: Loads | None
+) -> tuple[Float[Array, "m K"], Float[Array, "3 m K"]]:
     """Return natural frequencies [Hz] and how each mode moves the end point."""
     each = modes(at_posture(arm, jnp.asarray(posture), loads))
     return each.frequency, each.motion[:, -1]

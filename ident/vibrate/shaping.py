@@ -147,7 +147,9 @@ def averaged(motion: Motion, window: float) -> Motion:
     return Motion(motion.name, both, means)
 
 
-def _about(breaks: np.ndarray, c: np.ndarray, times: np.ndarray) -> Float[np.ndarray, "powers T driven"]:
+def _about(
+    breaks: Float[np.ndarray, " breaks"], c: Float[np.ndarray, "powers breaks driven"], times: Float[np.ndarray, "T"]
+) -> Float[np.ndarray, "powers T driven"]:
     """Return the coefficients of piecewise polynomials re-centred at other times, none before the first break."""
     k = np.searchsorted(breaks, times + JOINED, side="right") - 1
     moved = np.where(k[:, None] >= 0, c[:, k], 0.0)

@@ -60,7 +60,7 @@ RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
 BLOCK = 1.0
 """Length [s] of the blocks that test a source: some periods of the excitation."""
-SCATTERS = 0.05
+CHANCE_OF_SPREAD = 0.05
 """Probability above which a spread between blocks counts as chance."""
 FAINT = 0.02
 """Share of a source's information below which a block is not informative."""
@@ -509,7 +509,7 @@ def _consistency(problem: SourceProblem, parts: Whitened) -> Float[np.ndarray, "
             for _, information, score in blocks
             if np.trace(information) > FAINT * whole and np.linalg.cond(information) < 1e6
         ]
-        if chi2.sf(sum(telling), 2 * len(telling)) < SCATTERS:
+        if chi2.sf(sum(telling), 2 * len(telling)) < CHANCE_OF_SPREAD:
             found[k] = float(np.mean(telling)) / 2
     return found
 

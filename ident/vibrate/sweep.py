@@ -388,7 +388,9 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     return replace(found, unsure=unsure)
 
 
-def _turning(evaluator: Evaluator, paths: Sequence[str], elasticity: np.ndarray) -> Bool[np.ndarray, "P 3"]:
+def _turning(
+    evaluator: Evaluator, paths: Sequence[str], elasticity: Float[np.ndarray, "P 3"]
+) -> Bool[np.ndarray, "P 3"]:
     """Whether 10 % more or less of a number changes the amplitude against its slope, or makes the arm collapse."""
     matters = [k for k, each in enumerate(elasticity) if np.abs(each).max() * NEARBY >= FLAT]
     variables = tuple(Variable((paths[k],), -np.inf, np.inf) for k in matters)

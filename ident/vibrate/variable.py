@@ -85,7 +85,7 @@ def is_shifted(path: str) -> bool:
     return field is not None and not field.logarithmic
 
 
-def refuse_factor(path: str, present: float, values: Iterable[float] = ()) -> Iterable[Problem]:
+def refuse_factor(path: str, present: float, values: Iterable[float]) -> Iterable[Problem]:
     """Yield why values are none that a number can have by a factor: zero is none, and a factor keeps the sign.
 
     Args:

@@ -41,7 +41,7 @@ FAULTS = (
     Fault("motors held by servos", "arm/mechanics.py",
           "(2 * along + spin)", "(along + spin)", "arm/test_servo.py arm/test_motors.py"),
     Fault("loss factors", "arm/chain.py",
-          "bend * next(eta) + tors * next(eta)", "bend * next(eta)", "arm/test_losses.py"),
+          "bend * eta_bend + tors * eta_tors", "bend * eta_bend", "arm/test_losses.py"),
     Fault("damping ratio, derivative", "arm/modes.py",
           "+ s * s * dM[:, :, None]", "+ s * dM[:, :, None]", "arm/test_gradients.py arm/test_losses.py"),
     Fault("curved springs", "arm/parts.py",

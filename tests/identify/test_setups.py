@@ -190,6 +190,7 @@ BAD = [
     (HEAD + "tracker,1,2,3,m,0,0,0,0,deg,0\ntracker,1,2,3,m,0,0,0,0,deg,0\n", "each setup once"),
     (HEAD + "tracker,,,,m,0,0,0,0,deg,0\n", "a number, as sigma is not free"),
     (HEAD + "tracker,1,2,3\n", "4 fields"),
+    (HEAD.replace(",x,", ",x [mm],") + "tracker,1,2,3,m,0,0,0,0,deg,0\n", "the unknown column 'x [mm]'"),
 ]
 
 

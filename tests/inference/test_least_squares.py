@@ -23,7 +23,7 @@ def root(p):
 def problem(model, measured=(0.0, 0.0), sigma=1.0):
     items = tuple(Parameter((name,), False, 0.0, 0.0) for name in "ab")
     return InverseProblem(
-        model, jnp.asarray(measured), jnp.full(2, sigma), Parameters(items), ("value",) * len(measured)
+        model, jnp.asarray(measured), jnp.full(len(measured), sigma), Parameters(items), ("value",) * len(measured)
     )
 
 
@@ -48,6 +48,19 @@ def test_prediction_jacobian_cost_and_gradient_are_those_of_the_end(model, measu
     np.testing.assert_allclose(end.gradient, 2 * np.asarray(end.jacobian).T @ residuals, atol=1e-12)
     assert convergence(posed, end).step < 1e-6
     assert float(end.cost) < LEAST_STEP**2
+
+
+@pytest.mark.parametrize(("stiff", "soft", "away", "irreducible"), [(100, 0.1, 0.005, 100.0), (100, 0.1, 0.1, 1e4)])
+def test_a_weak_direction_is_followed_to_its_end_under_a_large_cost(stiff, soft, away, irreducible):
+    """A linear model whose cost hardly falls on the way, as that of contradictory data."""
+
+    def model(p):
+        return jnp.stack([stiff * (p["a"] - 1), soft * p["b"] - away, 0 * p["a"] + irreducible])
+
+    posed = problem(model, (0.0, 0.0, 0.0))
+    end, ended = searched(posed, np.array([-1.0, -1.0]), None, TO_THE_END)
+    assert ended
+    np.testing.assert_allclose(end.theta, [1.0, away / soft], rtol=0, atol=1e-6)
 
 
 def test_a_start_without_answer_has_no_cost():

@@ -9,10 +9,10 @@ from hammer_files import FOLDER, generator
 from recording_files import dataset, dataset_58
 
 from ident.errors import InputError
-from ident.measure.channels import read_channels, recordings_of, write_template
+from ident.measure.channels import RecordedChannel, read_channels, recordings_of, write_template
 from ident.measure.recordings import read_recording
 from ident.measure.runs import write_runs
-from ident.modal.test_files import sources
+from ident.modal.recorded import sources
 
 HEAD = "file,channel,role,point,joint,position [mm],direction,frame,quantity,unit,sensitivity,q1 [deg],load"
 
@@ -271,3 +271,11 @@ def test_what_the_table_does_not_name_is_not_read(tmp_path):
     (tmp_path / "spectra.unv").unlink()
     with pytest.raises(InputError, match="got nodes and no channel"):
         recordings_of(tmp_path)
+
+
+@pytest.mark.parametrize(("sensitivity", "expected"), [(100.0, "leave the cell empty"), (None, "correct one of them")])
+def test_a_file_in_one_motion_unit_and_a_table_in_another_contradict_each_other(sensitivity, expected):
+    """A displacement is no acceleration, whatever the sensitivity."""
+    channel = RecordedChannel(where="runs.csv:2", file="a.csv", channel="y", unit="g_0", sensitivity=sensitivity)
+    with pytest.raises(InputError, match=f"runs.csv:2, .*{expected}"):
+        channel.scale("mm", ("length", "velocity", "acceleration"), "a motion", "mm")

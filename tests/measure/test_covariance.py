@@ -78,6 +78,7 @@ def test_a_campaign_of_other_correlations_is_another_one(tmp_path):
     [
         (None, "c.covariance.csv: got no such file, expected the correlations of the rows in groups; write it"),
         ("group,i,j\n", "c.covariance.csv:1, correlation: got no such column, expected a column correlation"),
+        ("group,i,j,correlation [%]\n", "the unknown column 'correlation [%]'"),
         ("", "c.covariance.csv: got no row, expected a header with group,i,j,correlation; write one"),
         (PAIRS + "c,1,2,0.1\n", "c.covariance.csv:6, group: got 'c', expected a group that rows of the campaign name"),
         (PAIRS + "b,1,3,0.1\n", "c.covariance.csv:6, j: got '3', expected the place of a row in its group, 1 to 2"),

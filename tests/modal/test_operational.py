@@ -17,7 +17,7 @@ from ident.measure.speeds import Speed
 from ident.modal.ambient import ROWS, ambient_tests, correlations_of, without_harmonics
 from ident.modal.frf import Processing
 from ident.modal.operational import operational_modes, realisations
-from ident.modal.test_files import records
+from ident.modal.recorded import records
 
 BAND = (1.0, 28.0)
 SHARP = (0, 1, 3, 4)

@@ -6,10 +6,14 @@ import random
 import runpy
 import sys
 import time
+from pathlib import Path
+from urllib.error import HTTPError, URLError
+from urllib.request import urlopen
 
 import pytest
 from arms import DATA
 from clusters import Cluster, Disturbed, Run
+from distributed import Client
 from results import TIME
 
 from ident import InputError
@@ -126,3 +130,18 @@ def test_workers_without_the_folder_or_of_another_program_are_refused(tmp_path):
     (run / "client").write_text(json.dumps(client))
     with pytest.raises(InputError, match=r"another (processor, jax_enable_x64|jax_enable_x64, processor) than here"):
         fleet_tasks.attempt(run, tmp_path)
+
+
+def test_a_local_cluster_serves_nothing_and_looks_for_modules_in_no_folder_of_others():
+    """Over HTTP, which no certificate protects; in its scratch folder, which Dask puts before all others."""
+    with fleet_tasks._local_cluster(1) as cluster, Client(cluster, set_as_default=False) as client:
+        (worker,) = client.scheduler_info()["workers"].values()
+        assert cluster.scheduler_address.startswith("tls://127.0.0.1:")
+        for page in ("info/main.html", "info/main/workers.html", "json/identity.json", "health", "metrics"):
+            with pytest.raises(HTTPError, match="404"):
+                urlopen(f"http://127.0.0.1:{worker['services']['dashboard']}/{page}", timeout=10)
+        with pytest.raises(URLError, match="refused"):
+            urlopen(f"http://127.0.0.1:{client.scheduler_info()['services']['dashboard']}/info/main.html", timeout=10)
+        (found,) = client.run(lambda: (sys.flags.safe_path, Path(sys.path[0]).parents[1].stat().st_mode)).values()
+        assert found[0]
+        assert not found[1] & 0o077, "nobody else may write there"

@@ -12,7 +12,7 @@ from ident.measure import Load
 from ident.measure.speeds import parse_speeds
 from ident.modal.ambient import ambient_tests
 from ident.modal.frf import Place, Processing
-from ident.modal.test_files import Record, Response
+from ident.modal.recorded import Record, Response
 
 RATE = 100.0
 """Sampling rate [Hz]."""

@@ -10,8 +10,7 @@ import numpy as np
 
 from ident.errors import InputError, Problem, refusal
 from ident.measure.recordings.sampling import even_step
-from ident.measure.table import grouped
-from ident.text import one_line, quoted
+from ident.text import by_key, one_line, quoted
 from ident.units import sensor_factor
 
 
@@ -115,7 +114,7 @@ ONE_NAME = "channels of one name"
 
 def _told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
     """Yield channels, with those that share a name marked as flawed. Exact duplicates count once."""
-    for first, *more in grouped(channels, lambda each: (each.name, each.reference)).values():
+    for first, *more in by_key(((each.name, each.reference), each) for each in channels).values():
         same = [first, *(m for m in more if m.unit != first.unit or not np.array_equal(m.values, first.values))]
         units = ", ".join(quoted(each.unit or "no unit") for each in same)
         flaw, remedy = f"{len(same)} {ONE_NAME}, in {units}", "give each channel of the file a name of its own"

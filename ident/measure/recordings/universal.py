@@ -15,8 +15,7 @@ import numpy as np
 
 from ident.errors import Problem, refusal, require
 from ident.measure.recordings.recording import Channel, Contents, NoChannelError, Shape, damaged, over
-from ident.measure.table import grouped
-from ident.text import one_line, quoted
+from ident.text import by_key, one_line, quoted
 
 KIND = "a universal file (UFF)"
 DIRECTIONS = {
@@ -345,7 +344,7 @@ def _number(text: str) -> float:
 
 def _joined(path: Path, functions: Sequence[_Function]) -> list[Channel]:
     """Return the functions of one channel as its blocks, in the order of the file."""
-    groups = grouped(functions, lambda each: (each.channel.name, each.channel.reference))
+    groups = by_key(((each.channel.name, each.channel.reference), each) for each in functions)
     parts = [part for group in groups.values() for part in _by_label(group)]
     return [_blocks(split) for part in parts for split in _by_identity(path, part, parts)]
 
@@ -359,7 +358,9 @@ def _by_label(group: list[_Function]) -> list[list[_Function]]:
         label = " ".join(filter(None, (each.labels[i] for i in differ)))
         return label, each.reference_entity if several else ""
 
-    return [[each.called(*words) for each in part] for words, part in grouped(group, key).items()]
+    return [
+        [each.called(*words) for each in part] for words, part in by_key((key(each), each) for each in group).items()
+    ]
 
 
 def _by_identity(path: Path, part: list[_Function], parts: list[list[_Function]]) -> list[list[_Function]]:

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ident.report.report import Finding, Report, Section, Table, Verdict, cut
-from ident.report.words import TRACE_UNITS, by_key, counted
+from ident.report.words import TRACE_UNITS, counted
+from ident.text import by_key
 
 if TYPE_CHECKING:
     from ident.measure.runs import Runs

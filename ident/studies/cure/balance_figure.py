@@ -9,10 +9,10 @@ from matplotlib.lines import Line2D
 
 from ident.report.report import cut
 from ident.report.style import GREEN, ORANGE, PALE, heading, key_below, note, plain, titled
+from ident.studies.cause.source_figure import COMPUTED, MEASURED
 
 if TYPE_CHECKING:
     from ident.studies.cure.balance_study import Balance, Rotor
-from ident.studies.cause.source_figure import COMPUTED, MEASURED
 
 
 def balance_figure(balance: "Balance") -> Figure:

@@ -51,7 +51,10 @@ def _sensitivities_alone(study: DesignStudy) -> Report:
     every = Section("All sensitivities", (sensitivity_table(study.sensitivities, count, study.draws),))
     return Report(
         f"Sensitivities of {subject(study.basis)}",
-        answer=(_at_present(study), sensitivity_table(study.sensitivities, draws=study.draws)),
+        answer=(
+            _at_present(study),
+            sensitivity_table(study.sensitivities, draws=study.draws, further="are in the result file"),
+        ),
         findings=tuple(all_findings(study.basis)),
         next=f"ident design {{arm}}{same_motion(study.basis)}",
         details=(_motion(study), *[every] * (count > STRONGEST), *assumed_section(study.basis)),
@@ -64,7 +67,7 @@ def _at_present(study: DesignStudy) -> str:
     return f"Vibration of {study.basis.point}, {study.evaluator.measure}: {each}"
 
 
-def sensitivity_table(each: Sensitivities, most: int = STRONGEST, draws: int = 0) -> Table:
+def sensitivity_table(each: Sensitivities, most: int = STRONGEST, draws: int = 0, further: str = "are weaker") -> Table:
     """Return by how many percent the amplitude changes with each number, the strongest first."""
     rows = []
     for i in each.order[:most]:
@@ -77,7 +80,7 @@ def sensitivity_table(each: Sensitivities, most: int = STRONGEST, draws: int = 0
     strongest = DIRECTIONS[int(np.argmax(each.amplitude))]
     note = f"Sorted by {strongest}, the direction that vibrates most."
     note += f" {UNSURE}: {unsure_words(draws)}." if each.unsure[each.order[:most]].any() else ""
-    note += f" {len(each.paths) - most} more are in the result file." if len(each.paths) > most else ""
+    note += f" {len(each.paths) - most} more {further}." if len(each.paths) > most else ""
     caption = "Sensitivities: percent of amplitude per percent of the number, at the present values"
     return Table(caption, ("Number", "at present", *ways), tuple(rows), note=note)
 

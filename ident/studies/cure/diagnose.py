@@ -344,13 +344,14 @@ class DiagnoseResult(FromFit):
         return diagnose_page(self.diagnosis, head, view, explorer, self.runs)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.report.document import write_netcdf
+        from ident.report.document import plain, write_netcdf
         from ident.report.page import write_page
-        from ident.studies.cure.diagnose_files import posterior_groups
+        from ident.studies.stiffness.sample_files import groups_of, inference_data
 
         page, posterior = self._beside(path, ".html"), self._beside(path, ".nc")
         write_page(self._page(head), page)
-        write_netcdf(posterior, posterior_groups(self.diagnosis, head))
+        sampled = self.diagnosis.identification.sampled
+        write_netcdf(posterior, groups_of(inference_data(sampled, {**head, "trust": plain(sampled.trust)})))
         return page, *super()._write(path, head), posterior
 
 

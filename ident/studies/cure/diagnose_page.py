@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from ident.studies.cure.diagnosis import Diagnosis
     from ident.studies.look.arm_view import ArmView
 
-# -------- Arm section
-# The arm as a section of a page: drawn to scale, with its plausibility checks.
-
 
 def explorer_section(page: str, command: str) -> Section:
     """Return the explorer of an arm, within the report, and the command that makes it as a separate page."""
@@ -37,9 +34,6 @@ def explorer_section(page: str, command: str) -> Section:
         "The explorer. It computes in the browser, with the exact mechanics, and loads nothing.",
     )
     return Section("The arm, to be changed by hand", (words, command), frame=frame)
-
-
-# -------- Diagnose
 
 
 def diagnose_page(

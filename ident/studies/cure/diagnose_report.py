@@ -39,7 +39,7 @@ from ident.studies.cure.design_report import risen, sensitivity_table
 from ident.studies.cure.remedies import AND, CONFIDENT, EFFORTS, FINER, MOVED, STIFFER, VERIFIED, Remedy
 from ident.studies.stiffness.validate_report import scope_table
 from ident.studies.stiffness.warnings import untested
-from ident.studies.working.resonance_report import caused_words, crossings_table, grouped
+from ident.studies.working.resonance_report import caused_words, crossings_table, grouped, passages_table
 from ident.vibrate.variable import is_shifted
 
 if TYPE_CHECKING:
@@ -410,8 +410,13 @@ def _resonance(diagnosis: "Diagnosis") -> Iterator[Part]:
     elif not resonance.crossings:
         yield "No pulley comes near a natural frequency along this motion."
     else:
-        yield crossings_table(resonance.branches, grouped(resonance.crossings))
-        yield "Vibration: of the end point along the mode's motion, by these pulleys alone with the worst phases."
+        groups = grouped(resonance.crossings)
+        yield crossings_table(resonance.branches, groups)
+        yield passages_table(resonance.branches, groups)
+        yield (
+            "vibration: of the end point along the mode's motion, by these pulleys alone with the worst phases. "
+            "built up: over the amplitude of steady resonance. near, cross: share of the draws."
+        )
 
 
 def vibration_line(vibration: "VibrationAssessment") -> str:

@@ -9,11 +9,11 @@ from matplotlib.lines import Line2D
 from ident.report.style import GREY, ORANGE, Style, key_below, note, plain, titled
 from ident.report.words import MM
 from ident.studies.basis import motion_title
+from ident.studies.cure.design_figure import AFTER, BEFORE, COLORS, LIMIT
 from ident.vibrate.shaping import shapers
 
 if TYPE_CHECKING:
     from ident.studies.cure.motion_study import MotionStudy
-from ident.studies.cure.design_figure import AFTER, BEFORE, COLORS, LIMIT
 
 MODES: tuple[Style, ...] = ({"color": ORANGE, "linewidth": 1.0}, {"color": ORANGE, "linewidth": 1.0, "linestyle": "--"})
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from markupsafe import escape
 
-from ident.report.page import HEIGHT, MODE_WORDS, ROOM, WIDTH, Picture, Section, picture
+from ident.report.page import Picture, Section, picture
 from ident.report.style import colour_of
 from ident.studies.look.predict_figure import swing_of
 from ident.studies.look.show_figure import MODES, View, most_seen, show_figure, views
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from ident.identify.modal_analysis import ModalAnalysis
     from ident.studies.look.arm_view import ArmView
 
+WIDTH, HEIGHT, MODE_WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
+"""Size of a mode's picture, the height of its words, and the margin around the arm [px]."""
 PERIOD = 2.0
 """Period of the animation [s]: the same for all modes, much slower than real."""
 READABLE = 567

@@ -9,8 +9,8 @@ import numpy as np
 
 from ident.arm.fields import STIFFNESS, fields_in
 from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut, kept
-from ident.report.words import by_key, counted, degrees, sentence
-from ident.text import as_word
+from ident.report.words import counted, degrees, sentence
+from ident.text import as_word, by_key
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm

@@ -16,13 +16,13 @@ from ident.modal.modes import Modes, Ratio
 from ident.modal.operational import DECAYS, OperationalModes
 from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, by_head, cut
 from ident.report.words import (
-    by_key,
     counted,
     degrees,
     percent,
     sentence,
 )
 from ident.studies.measuring.modal_campaign import IdentifiedModes, Labelled, NamedModes
+from ident.text import by_key
 
 if TYPE_CHECKING:
     from ident.modal.frf import Place
@@ -73,6 +73,15 @@ def _subject(
         parts.append(f"Finished modes: {count} in {counted(len(finished), 'file')}")
     named, total = _name_counts(modes)
     return "; ".join([*parts, *([f"{named} of {counted(total, 'mode')} named"] if modes else [])])
+
+
+def place_in_words(place: "Place") -> str:
+    """Write a place as `tip -z`, or with the components of its direction."""
+    axes = np.array(place.direction)
+    along = np.flatnonzero(abs(axes) > 1 - 1e-9)
+    if len(along):
+        return f"{cut(place.point, 12)} {'-' if axes[along[0]] < 0 else ''}{'xyz'[along[0]]}"
+    return f"{cut(place.point, 12)} ({' '.join(f'{each + 0.0:.2g}' for each in axes)})"
 
 
 def _hammer(tests: Sequence[ModalTest | AmbientTest]) -> list[ModalTest]:
@@ -365,12 +374,3 @@ def modal_rows(
         for test, each in pairs
         for i, label in enumerate(each.labels.given)
     ]
-
-
-def place_in_words(place: "Place") -> str:
-    """Write a place as `tip -z`, or with the components of its direction."""
-    axes = np.array(place.direction)
-    along = np.flatnonzero(abs(axes) > 1 - 1e-9)
-    if len(along):
-        return f"{cut(place.point, 12)} {'-' if axes[along[0]] < 0 else ''}{'xyz'[along[0]]}"
-    return f"{cut(place.point, 12)} ({' '.join(f'{each + 0.0:.2g}' for each in axes)})"

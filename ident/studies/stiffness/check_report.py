@@ -289,6 +289,23 @@ def _doubt(check: "CampaignCheck", doubt: LabelDoubt) -> Iterator[str]:
         yield f"no label, and taken for {doubt.mode}, although row {other}, for another mode, is equal: label both"
 
 
+def springs_in_words(springs: Sequence["SpringCheck"]) -> Iterator[Section]:
+    """Yield whether the data can tell each spring from a linear one, and its load in the measurements."""
+    lines = []
+    for each in springs:
+        cost = f"a linear one would fit with a chi-squared of {each.chi_squared:.2g}"
+        cost = "with a linear one the arm has no equilibrium" if math.isnan(each.chi_squared) else cost
+        parts = {"at rest": each.at_rest, "where modes were measured": each.vibrating}
+        loads = [f"{low:.3g} to {high:.3g} N m {what}" for what, (low, high) in parts.items() if not math.isnan(high)]
+        limit = "" if math.isnan(each.torque1) else f"; T1 = {each.torque1:.3g} N m"
+        lines.append(f"{each.spring}: {'yes' if each.told else 'NO'}, {cost}. Load {', '.join(loads)}{limit}.")
+        lines += ["Hardly loaded wherever modes were measured: frequencies depend on K1 alone."] * each.unloaded
+        lines += [] if each.told else ["Fix its numbers, or measure under loads on both sides of T1."]
+    if lines:
+        title = "Curved springs: can the data (as predicted at the arm file's values) tell them from linear ones?"
+        yield Section(title, tuple(lines))
+
+
 def _agreement(check: "CampaignCheck") -> Iterator[Section]:
     agree = check.consistency
     if agree is None:
@@ -310,20 +327,3 @@ def check_rows(check: "CampaignCheck") -> list[dict[str, Any]]:
     sd = check.data_sd if len(check.data_sd) else np.full((1, len(check.items)), math.nan)
     names = [item.name for item in check.items]
     return by_row(parameter=names, verdict=check.verdicts, data_sd=sd[0], worst_data_sd=sd.max(0))
-
-
-def springs_in_words(springs: Sequence["SpringCheck"]) -> Iterator[Section]:
-    """Yield whether the data can tell each spring from a linear one, and its load in the measurements."""
-    lines = []
-    for each in springs:
-        cost = f"a linear one would fit with a chi-squared of {each.chi_squared:.2g}"
-        cost = "with a linear one the arm has no equilibrium" if math.isnan(each.chi_squared) else cost
-        parts = {"at rest": each.at_rest, "where modes were measured": each.vibrating}
-        loads = [f"{low:.3g} to {high:.3g} N m {what}" for what, (low, high) in parts.items() if not math.isnan(high)]
-        limit = "" if math.isnan(each.torque1) else f"; T1 = {each.torque1:.3g} N m"
-        lines.append(f"{each.spring}: {'yes' if each.told else 'NO'}, {cost}. Load {', '.join(loads)}{limit}.")
-        lines += ["Hardly loaded wherever modes were measured: frequencies depend on K1 alone."] * each.unloaded
-        lines += [] if each.told else ["Fix its numbers, or measure under loads on both sides of T1."]
-    if lines:
-        title = "Curved springs: can the data (as predicted at the arm file's values) tell them from linear ones?"
-        yield Section(title, tuple(lines))

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from queue import Empty, Queue
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
@@ -68,6 +69,7 @@ class Task:
         from ident.programs import environment
 
         options = {**self.options.of_each.recorded(), "units": USUAL}
+        options = {name: dict(sorted(x.items())) if isinstance(x, dict) else x for name, x in options.items()}
         files = [(str(path), digest(path)) for path in (self.campaign, self.arm)]
         key = value_digest([self.name, files, options, environment(), self.under])[:32]
         return self.folder / f"{key}.{'draws' if self.under else 'robot'}"
@@ -147,6 +149,15 @@ QUIET, ANSWER = 5.0, 15.0
 OF_JAX = ("jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
 OF_SYSTEM = ("IDENT_PROGRAMS", "EQX_ON_ERROR", "TF_CPP_MIN_LOG_LEVEL")
 """Settings of jax and of the environment that workers take over."""
+APART = {
+    "distributed.nanny.environ": {},
+    "distributed.nanny.pre-spawn-environ": {},
+    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.worker.preload": [],
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
+"""Dask's settings of a local cluster: whatever a user has set, its workers start anew as here and serve nothing."""
 SAFE_PATH = "PYTHONSAFEPATH"
 """Environment variable that makes Python ignore the current folder when it looks for modules."""
 ONE = threading.Lock()
@@ -184,7 +195,8 @@ class Engine(ExitStack):
             yield from ((task, task.do()) for task in pending)
         elif pending:
             if self.cluster is None:
-                self.cluster = self.enter_context(_cluster(self.options, pending[0].folder))
+                workers = min(self.options.workers, len(tasks))
+                self.cluster = self.enter_context(_cluster(self.options.dask, workers, pending[0].folder))
             yield from self.cluster(pending)
 
 
@@ -266,7 +278,7 @@ def _circumstances() -> dict[str, str]:
     return {name: str(value) for name, value in (every | named).items()}
 
 
-def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
+def attempt(run: Path, folder: Path, task: Task | None = None, *, remote: bool = True) -> str:
     """Do a task on a cluster's worker, unless it has killed too many workers; return why nothing was written.
 
     A mark in the run's folder exists while the task runs: a mark left behind means a killed worker. Dask's own count
@@ -276,6 +288,7 @@ def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
         run: a folder that the client made for this run, with a file that identifies it.
         folder: base of relative paths.
         task: None to test only whether this worker could do one.
+        remote: whether the worker may be of another machine.
 
     Raises:
         InputError: the worker has other versions, or can't read and write the client's folder.
@@ -302,14 +315,24 @@ def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
                 mark.unlink()
                 return reason
         except OSError as error:
+            if not remote:
+                got, expected = f"{run.parent}, which cannot be used ({error.strerror})", "a folder to write in"
+                raise refusal("workers", got, expected, "make room there, or name another (--out)") from None
             got = f"another folder {run.parent} than here ({error.strerror})"
             remedy = "give one on a shared disk (--out), inputs there too"
             raise refusal(where, got, "one that all can read and write", remedy) from None
 
 
 @contextmanager
-def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[Task]], Iterator[tuple[Task, str]]]]:
+def _cluster(
+    remote: str | None, workers: int, folder: Path
+) -> Iterator[Callable[[list[Task]], Iterator[tuple[Task, str]]]]:
     """Connect to a Dask scheduler whose workers share a folder with this machine; yield the function that runs tasks.
+
+    Args:
+        remote: address of the scheduler; None for a local cluster.
+        workers: processes of the local cluster.
+        folder: where tasks write.
 
     Raises:
         InputError: no Dask here, or no scheduler or workers there; workers of other versions, or without the folder.
@@ -318,10 +341,10 @@ def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[T
     try:
         from distributed import Client
 
-        if not options.dask:
+        if not remote:
             import cryptography  # noqa: F401  certificates of a local cluster
     except ImportError as error:
-        where, got = ("dask", "an address") if options.dask else ("workers", f"{options.workers} processes")
+        where, got = ("dask", "an address") if remote else ("workers", f"{workers} processes")
         remedy = "pip install 'ident-arm[dask]'"
         raise refusal(where, f"{got} without the package {error.name}", "it installed", remedy) from None
     before = {logger: logger.level for logger in map(logging.getLogger, LOGGERS)}
@@ -329,15 +352,18 @@ def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[T
         logger.setLevel(logging.CRITICAL)  # a lost scheduler gives one line, from us
     run, at_end = folder.absolute() / f".attempts-{uuid4().hex}", ExitStack()
     try:
-        address = options.dask or at_end.enter_context(_local_cluster(options.workers))
         try:
+            address = remote or at_end.enter_context(_local_cluster(workers))
             client = Client(address, timeout=CONNECT, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            got = f"no scheduler at {options.dask or 'this machine'} ({str(error)[:100]})"
+        except (OSError, ValueError, TypeError, RuntimeError) as error:
+            why = one_line(str(error))[:100]
+            if not remote:
+                got, remedy = f"{workers} processes that do not start ({why})", "ask for fewer, or for none"
+                raise refusal("workers", got, "a cluster on this machine", remedy) from None
             remedy = "start `dask scheduler` there, or correct the address (tcp://host:8786)"
-            raise refusal("dask", got, "one that answers", remedy) from None
+            raise refusal("dask", f"no scheduler at {remote} ({why})", "one that answers", remedy) from None
         at_end.callback(_take_leave, client)
-        work = partial(attempt, run, Path.cwd())
+        work = partial(attempt, run, Path.cwd(), remote=bool(remote))
         here = json.dumps({"settings": _settings(), "circumstances": _circumstances()}).encode("utf-8")
         replace_file(run / "client", lambda file: file.write(here), make_folders=True)
         _check(client, work)
@@ -360,7 +386,8 @@ def _take_leave(client: Any) -> None:
 def _local_cluster(workers: int) -> Iterator[Any]:
     """Start a cluster of local processes, which look for no modules in the current folder.
 
-    Anybody may have written to that folder. A temporary certificate keeps other users of the machine from connecting.
+    Anybody may have written to that folder. A temporary certificate keeps other users of the machine from connecting,
+    and what Dask serves over HTTP, which no certificate protects, is off.
     """
     import dask
     from distributed import LocalCluster
@@ -370,20 +397,23 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     os.environ.setdefault(SAFE_PATH, "1")
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None  # they inherit it: Ctrl-C is ours
     try:
-        # no Dask settings for its workers: their results are the same to the bit as here
         with (
-            dask.config.set({"distributed.nanny.pre-spawn-environ": {}}),
+            TemporaryDirectory() as scratch,  # its workers look there for modules: nobody else may write into it
+            dask.config.set(APART),
             LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0", "dashboard": False},
+                worker_dashboard_address="127.0.0.1:0",
                 memory_limit=0,
+                local_directory=scratch,
                 silence_logs=logging.CRITICAL,
                 security=Security.temporary(),
             ) as cluster,
         ):
+            cluster.scheduler.http_server.stop()
             if in_main_thread:
                 signal.signal(signal.SIGINT, before)
             yield cluster

@@ -24,8 +24,9 @@ from ident.report.style import (
     set_ticks,
     titled,
 )
-from ident.report.words import by_key, degrees
+from ident.report.words import degrees
 from ident.studies.stiffness.plan_report import criterion_in_words, experiment_in_words
+from ident.text import by_key
 
 if TYPE_CHECKING:
     from ident.identify.plan import CampaignPlan

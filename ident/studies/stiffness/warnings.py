@@ -22,7 +22,6 @@ from ident.measure import Campaign, Measurement
 from ident.report.report import Cell, Finding, Section, Table, by_head, cut, without_empty_columns
 from ident.report.words import (
     MOST_ROWS,
-    by_key,
     counted,
     describe,
     in_percent,
@@ -35,6 +34,7 @@ from ident.report.words import (
     some,
     three_digits,
 )
+from ident.text import by_key
 
 # -------- Agreement
 # Whether the kinds of measurement agree.

@@ -225,10 +225,9 @@ def _details(
     yield from assumed_section(basis)
 
 
-def _crossings(branches: Branches, groups: Sequence[Group], margin: float) -> Iterator[Part]:
+def passages_table(branches: Branches, groups: Sequence[Group]) -> Table:
+    """Return how each crossing passes: when, at which posture, how far apart, and how far the mode builds up."""
     drawn = branches.batch_size > 0
-    if len(groups) > LISTED:
-        yield crossings_table(branches, groups)
     rows: list[tuple[Cell, ...]] = []
     for number, (e, *_) in enumerate(groups, 1):
         span, posture = f"{e.start:.2f} to {e.end:.2f}", degrees(e.posture).removesuffix(" deg")
@@ -236,7 +235,14 @@ def _crossings(branches: Branches, groups: Sequence[Group], margin: float) -> It
         rows.append((str(number), span, posture, e.distance, e.magnification, passage(e), last))
     last_head = "cross" if drawn else "sweep number"
     head = ("", "near [s]", "posture [deg]", "distance [Hz]", "magnification", "passage", last_head)
-    yield Table("", head, tuple(rows), ("", "", "", ".2g", ".3g", "", ".3g"))
+    return Table("", head, tuple(rows), ("", "", "", ".2g", ".3g", "", ".3g"))
+
+
+def _crossings(branches: Branches, groups: Sequence[Group], margin: float) -> Iterator[Part]:
+    drawn = branches.batch_size > 0
+    if len(groups) > LISTED:
+        yield crossings_table(branches, groups)
+    yield passages_table(branches, groups)
     yield (
         f"near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth if wider. vibration: "
         "largest vibration of the end point along the mode's motion, by these pulleys alone with the worst phases, "

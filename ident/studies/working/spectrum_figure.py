@@ -25,13 +25,14 @@ from ident.report.style import (
     plain,
     titled,
 )
-from ident.report.words import TRACE_UNITS, by_key
+from ident.report.words import TRACE_UNITS
+from ident.studies.working.simulate_figure import LETTER, LINE
 from ident.studies.working.spectrum_report import hertz, where_marked
+from ident.text import by_key
 
 if TYPE_CHECKING:
     from ident.studies.working.spectra import Band, Spectra
     from ident.vibrate.spectra import Spectrogram, Spectrum
-from ident.studies.working.simulate_figure import LETTER, LINE
 
 SPECTRUM_PANEL = (8.0, 2.5)
 """Width and height of a panel [inch]."""
@@ -45,7 +46,7 @@ def _styles(width: float, colours: Sequence[str]) -> tuple[Style, ...]:
 
 SERIES = _styles(1.4, (BLUE, ORANGE, GREEN, PINK))
 LINES = _styles(1.6, (ORANGE, GREEN, "black", PINK))
-"""Styles of a pulley's orders: over the blue of a spectrogram, and over time."""
+"""Styles of the pulleys' lines over the blue of a spectrogram."""
 
 
 def spectra_figure(spectra: "Spectra") -> Figure:

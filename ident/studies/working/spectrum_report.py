@@ -55,7 +55,20 @@ def _details(spectra: Spectra) -> Iterator[Section]:
         yield _modes(spectra.modes)
 
 
-# -------- Peaks
+# -------- Peaks and modes
+
+
+def where_marked(modes: "MarkedModes") -> str:
+    """Name the posture or the motion of the arm's natural frequencies."""
+    if modes.held:
+        return f"at {degrees(modes.first)}"
+    return f"along the motion from {degrees(modes.first)} to {degrees(modes.last)}"
+
+
+def hertz(band: "Band", digits: int = 2) -> str:
+    """Write a frequency [Hz] or its range: `4.80 to 5.23 Hz`."""
+    low, high = (f"{frequency:.{digits}f}" for frequency in band)
+    return f"{low} Hz" if low == high else f"{low} to {high} Hz"
 
 
 def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
@@ -97,16 +110,3 @@ def spectrum_rows(spectra: Spectra) -> list[dict[str, Any]]:
         for direction in spectra.directions
         for peak in spectra.strongest(name, direction)
     ]
-
-
-def where_marked(modes: "MarkedModes") -> str:
-    """Name the posture or the motion of the arm's natural frequencies."""
-    if modes.held:
-        return f"at {degrees(modes.first)}"
-    return f"along the motion from {degrees(modes.first)} to {degrees(modes.last)}"
-
-
-def hertz(band: "Band", digits: int = 2) -> str:
-    """Write a frequency [Hz] or its range: `4.80 to 5.23 Hz`."""
-    low, high = (f"{frequency:.{digits}f}" for frequency in band)
-    return f"{low} Hz" if low == high else f"{low} to {high} Hz"

@@ -22,9 +22,8 @@ from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording
 from ident.measure.recordings.sampling import even_step
 from ident.measure.speeds import Speed
-from ident.measure.table import grouped
 from ident.modal.frf import Place
-from ident.text import did_you_mean, one_line, quoted
+from ident.text import by_key, did_you_mean, one_line, quoted
 from ident.units import GRAVITIES, POUNDS, STANDARD_GRAVITY
 
 # -------- Units
@@ -199,7 +198,7 @@ def _source(
         full_scale = _full_scale(force)
     units = {each.name: each.unit for each in used} | ({force.channel: used[0].reference_unit} if finished else {})
     return Source(
-        name, *_state(force), force.decay, step, start, _place(force), pushed, full_scale, responses,
+        name, *state_of(force), force.decay, step, start, place_of(force), pushed, full_scale, responses,
         tuple(f"{name}: {remark}" for remark in _unit_remarks([force, *rows], units)),
     )  # fmt: skip
 
@@ -233,7 +232,7 @@ def _responses(
         got = f"{quoted(row.channel)} of {quoted(name)} without any motion"
         remedy = "look at its cable, or give the channel the role ignore"
         require(moves, row.where, got, "a response that moves", remedy, "channel")
-        yield Response(_place(row), values, ORDER[quantity], _full_scale(row), row.channel, behind)
+        yield Response(place_of(row), values, ORDER[quantity], _full_scale(row), row.channel, behind)
 
 
 def aligned(
@@ -308,7 +307,8 @@ def _full_scale(row: ChannelRow) -> float | None:
     return row.full_scale * quantity_and_factor(replace(row, sensitivity=None), "")[1]
 
 
-def _place(row: ChannelRow) -> Place:
+def place_of(row: ChannelRow) -> Place:
+    """Return point and direction of a force or a response."""
     assert row.direction is not None
     return Place(row.point, row.direction)
 
@@ -335,7 +335,7 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
             problems.append(Problem(row.where, quoted(row.channel), f"a channel of {quoted(name)}", remedy, "channel"))
     sound = {channel.name for channel in recording.channels if not channel.flaw}
     flawed = {channel.name: channel for channel in recording.channels if channel.flaw and channel.name not in sound}
-    for channel, (row, *more) in grouped(rows, lambda each: each.channel).items():
+    for channel, (row, *more) in by_key((row.channel, row) for row in rows).items():
         if more:
             got = f"{quoted(channel)} {'twice' if len(more) == 1 else f'{1 + len(more)} times'}"
             problems.append(Problem(more[0].where, got, "each channel once", "keep one", "channel"))
@@ -346,9 +346,15 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
     refuse(problems)
 
 
-def check_state(rows: list[ChannelRow]) -> None:
-    """Refuse a file whose rows differ in posture, load, state of the drives or window."""
-    for field, column in (("posture", "q1"), ("load", "load"), ("drives", "drives"), ("decay", "decay")):
+STATE = {"posture": "q1", "load": "load", "drives": "drives"}
+"""State of the arm: fields of a row, each with its column."""
+WINDOW = {**STATE, "decay": "decay"}
+"""The same with the decay of the window."""
+
+
+def check_state(rows: list[ChannelRow], fields: Mapping[str, str] = WINDOW) -> None:
+    """Refuse a file whose rows differ in the state of the arm, or in their window."""
+    for field, column in fields.items():
         got, remedy = f"another {field} than the file's first row", "a file is of one state of the arm"
         for row in rows:
             require(getattr(row, field) == getattr(rows[0], field), row.where, got, "the same", remedy, column)
@@ -416,11 +422,12 @@ def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> f
         rows = [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
         if recording.channels and not has_responses(rows, recording):
             counting[name] = rows
-    pushed = {_state(row) for rows in counting.values() for row in rows if row.role == FORCE}
-    return frozenset(name for name, rows in counting.items() if rows and _state(rows[0]) not in pushed)
+    pushed = {state_of(row) for rows in counting.values() for row in rows if row.role == FORCE}
+    return frozenset(name for name, rows in counting.items() if rows and state_of(rows[0]) not in pushed)
 
 
-def _state(row: ChannelRow) -> tuple[tuple[float, ...], Load, str]:
+def state_of(row: ChannelRow) -> tuple[tuple[float, ...], Load, str]:
+    """Return posture [rad], load and state of the drives."""
     return row.posture, row.load, row.drives
 
 
@@ -449,7 +456,7 @@ def _record(name: str, table: ChannelTable, recording: Recording) -> Record:
     forces = [f"{quoted(each.name)} is in {each.unit}: {hint}" for each in look_like_one]
     speeds = tuple(dict.fromkeys(speed for row in counting for speed in row.harmonics))
     return Record(
-        name, *_state(counting[0]), step, responses, references or tuple(range(len(counting))), speeds,
+        name, *state_of(counting[0]), step, responses, references or tuple(range(len(counting))), speeds,
         (*forces, *_unit_remarks(counting, {each.name: each.unit for each in used})),
     )  # fmt: skip
 
