@@ -139,6 +139,8 @@ _FRACTIONS = {"": 1.0, "1": 1.0, "-": 1.0, "%": 0.01, "percent": 0.01}
 _SLOPES = {"mm/m": 1e-3, "um/m": 1e-6}
 """How levels show a rotation [rad]: as a slope, the same to a millionth up to 1.7 mm/m."""
 _SPECIAL = {"damping_ratio": _FRACTIONS, "ratio": _FRACTIONS, "rotation": _SLOPES}
+VOLTAGES = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+"""Units of a sensor's voltage [V]."""
 STANDARD_GRAVITY = 9.80665
 """One g, as accelerometers are scaled [m/s^2]."""
 GRAVITIES = ("g", "G", "gn", "g's", "G's", "gs", "Gs")

@@ -20,7 +20,7 @@ from ident.measure.recordings.recording import ONE_NAME
 from ident.measure.speeds import Speed, parse_speeds
 from ident.measure.table import Findings, csv_text, guarded, parse_number, read_table
 from ident.text import by_key, one_line, quoted, which_file
-from ident.units import sensor_factor
+from ident.units import VOLTAGES, sensor_factor
 
 FORCE, RESPONSE, REFERENCE, TIME, IGNORED = "force", "response", "reference", "time", "ignore"
 ROLES = (FORCE, RESPONSE, REFERENCE, TIME, IGNORED)
@@ -31,7 +31,6 @@ QUANTITIES = {FORCE: ("force",), RESPONSE: _MOTION, REFERENCE: _MOTION, TIME: ("
 """Quantities that a channel of each role may measure; a length is a displacement."""
 FRAMES = ("base", "body")
 """Frames of a direction's components: the base's, or that of the body that carries the point."""
-VOLTAGES = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 VOLTS = re.compile(rf"(?P<number>[-+0-9.,eE]+)\s*(?P<volts>{'|'.join(VOLTAGES)})\s*/\s*(?P<unit>\S.*)")
 """A sensitivity as on a sensor's certificate."""
 

@@ -19,7 +19,7 @@ from ident.measure.table import (
     records_of,
 )
 from ident.text import LONGEST_QUOTE, nearest, one_line, quoted
-from ident.units import QUANTITIES, si_factor
+from ident.units import QUANTITIES, sensor_factor, si_factor
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -102,6 +102,7 @@ class Rule:
         unit: default without one in the header; blank where the header must have one.
         unit_is: expectation and remedy where the header has another unit; units are not converted.
         required: whether the header must have the column.
+        alias: other names that instruments and controllers give the column, as a regular expression.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Rule:
     unit: str = ""
     unit_is: tuple[str, str] | None = None
     required: bool = False
+    alias: str = ""
 
 
 ANGLES = Rule("q1", parse_number, quantities=("angle",))
@@ -270,12 +272,10 @@ def unit_of(written: str, name: str, *quantities: str) -> Unit:
         raise refusal("", "no unit", example, "write the unit in square brackets")
     for quantity in quantities:
         try:
-            return Unit(written, quantity, si_factor(written, quantity))
+            return Unit(written, quantity, sensor_factor(written, quantity) or si_factor(written, quantity))
         except InputError as error:
             problem = error.problems[0]
-    gravity = written == "g" and "acceleration" in quantities
-    remedy = "write g_0 for standard gravity, g is gram" if gravity else problem.remedy
-    raise refusal("", problem.got, expected, remedy)
+    raise refusal("", problem.got, expected, problem.remedy)
 
 
 def rows_of(

@@ -11,9 +11,10 @@ from jaxtyping import Float
 from ident.errors import Problem, refuse
 from ident.measure.columns import Rule
 from ident.measure.log import FARTHEST
-from ident.measure.series import TIME, Sampled, Series, parse_series
+from ident.measure.samples import NONE, Columns
+from ident.measure.series import Sampled, Series, parse_series
 from ident.measure.table import Findings, read_table
-from ident.measure.trace import TRACE_ROWS_MIN, sampling_problems
+from ident.measure.trace import TRACE_ROWS_MIN, at_even_times
 from ident.text import LARGEST_SAMPLES, NAME, by_key
 from ident.units import QUANTITIES
 
@@ -33,17 +34,20 @@ class JointLog(Sampled):
 
     Attributes:
         columns: (T,) [rad or N m] by joint and channel, a name in `CHANNELS`.
+        notes: what was taken from a program's convention, and done to the times.
     """
 
     columns: Mapping[str, Mapping[str, Float[np.ndarray, " T"]]]
+    notes: tuple[str, ...] = ()
 
 
-def read_joint_log(path: str | Path, *, locked: bool = False) -> JointLog:
+def read_joint_log(path: str | Path, *, locked: bool = False, columns: Columns = NONE) -> JointLog:
     """Read joints from a CSV file: `time [s]` and, of each, `joint1.motor [deg]`, `joint1.link [deg]` and a torque.
 
     Args:
         path: the file; UTF-8, columns separated by comma, semicolon or tab, in any order; further ones are ignored.
         locked: whether the links were clamped, and need no column.
+        columns: headers by names of the file, `{"q": "joint1.motor [rad]"}`, for what it does not say itself.
 
     Returns:
         The log in SI units.
@@ -52,23 +56,25 @@ def read_joint_log(path: str | Path, *, locked: bool = False) -> JointLog:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
     data, findings = read_table(path, LARGEST_SAMPLES), Findings()
-    header = parse_series(data, path, (), TRACE_ROWS_MIN, Findings()).header
+    header = parse_series(data, path, (), TRACE_ROWS_MIN, Findings(), columns).header
     matches = [match for match in map(_CHANNEL.fullmatch, header.ignored) if match]
     joints, rules = by_key((match["joint"], match) for match in matches), list[Rule]()
     for joint, given in joints.items():  # the link unless it is locked, and one torque
         needed = {"motor"} if locked else {"motor", "link"}
         needed |= set() if any(match["channel"] == "load" for match in given) else {"torque"}
         rules += [Rule(f"{joint}.{c}", quantities=(of,), required=c in needed) for c, of in CHANNELS.items()]
-    series = parse_series(data, path, rules, TRACE_ROWS_MIN, findings)
+    series = parse_series(data, path, rules, TRACE_ROWS_MIN, findings, columns)
     if not joints:
         expected = "columns as 'joint1.motor [deg]', 'joint1.link [deg]' and 'joint1.torque [N*m]'"
         findings.append(Problem(header.where, "no joint", expected, "name the columns so"))
-    findings += sampling_problems(series)
     for rule in rules:
         findings += _motion_problems(series, rule, locked) if series.where and rule.name in series else ()
     refuse(findings)
-    columns = {n: {c: series[f"{n}.{c}"] for c in CHANNELS if f"{n}.{c}" in series} for n in joints}
-    return JointLog(str(path), series.sha256, series[TIME], columns)
+    time, values, remarks = at_even_times(
+        series, {rule.name: series[rule.name] for rule in rules if rule.name in series}
+    )
+    own = {n: {c: values[f"{n}.{c}"] for c in CHANNELS if f"{n}.{c}" in values} for n in joints}
+    return JointLog(str(path), series.sha256, time, own, (*series.remarks, *remarks))
 
 
 def _motion_problems(series: Series, rule: Rule, locked: bool) -> Iterator[Problem]:

@@ -25,6 +25,7 @@ from ident.measure.columns import ABOVE_0, Number, Row, Rule, Word, read_rows
 from ident.measure.load import Load, Vector, parse_direction
 from ident.measure.recordings import Channel, read_recording
 from ident.measure.recordings.recording import SourceFile
+from ident.measure.samples import NONE, Columns
 from ident.measure.table import Findings, parse_number, read_table
 from ident.text import NAME, did_you_mean, one_line, quoted
 from ident.units import to_si
@@ -203,25 +204,30 @@ class Runs:
         return tuple(dict.fromkeys(trace.row.file for trace in self.traces))
 
 
-def read_runs(path: str | Path) -> Runs:
+def read_runs(path: str | Path, columns: Columns = NONE) -> Runs:
     """Read a table of runs and the recordings that it names.
+
+    Args:
+        path: the table.
+        columns: see `read_recording`.
 
     Raises:
         InputError: a file is unreadable or has errors; all are listed.
     """
     data, findings = read_table(path), Findings()
     rows = _rows(data, path)
-    folder, files, traces = Path(path).parent, dict[str, SourceFile](), list[Trace]()
+    folder, files, traces, notes = Path(path).parent, dict[str, SourceFile](), list[Trace](), list[str]()
     for name in dict.fromkeys(row.file for row in rows):
         with noted(findings):
-            recording = read_recording(folder / name)
+            recording = read_recording(folder / name, columns)
+            notes += recording.remarks
             files[name] = SourceFile(recording.path, recording.sha256)
             by_name = {channel.name: channel for channel in recording.channels}
             own = [findings.attempt(row.where, "", _trace, row, by_name) for row in rows if row.file == name]
             traces += filter(None, own)
     files |= _logs(rows, folder, findings)
     refuse(findings)
-    return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files)
+    return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files, tuple(notes))
 
 
 def planned_runs(path: str | Path) -> Runs:

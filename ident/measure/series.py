@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,15 +12,16 @@ from jaxtyping import Float
 
 from ident.errors import Problem, refusal
 from ident.measure.columns import Header, Rule, read_header
+from ident.measure.samples import NONE, Columns, read_samples
 from ident.measure.table import (
     Findings,
+    Record,
     decimal_mark,
     fitting,
     name_and_unit,
     parse_number,
-    records_of,
 )
-from ident.text import by_key
+from ident.text import by_key, quoted
 
 TIME = "time"
 """Name of the column that every such file has."""
@@ -62,6 +64,7 @@ class Series:
         where: (T,) place of each row.
         columns: (T,) [SI] by name, the time among them; NaN where a cell could not be read.
         at_fault: names of columns whose header cell can't be read, or that are missing or doubled.
+        remarks: what was taken from a program's convention.
     """
 
     file: str
@@ -70,6 +73,7 @@ class Series:
     where: tuple[str, ...]
     columns: Mapping[str, Float[np.ndarray, " T"]]
     at_fault: frozenset[str]
+    remarks: tuple[str, ...] = ()
 
     def __contains__(self, name: str) -> bool:
         return name in self.columns
@@ -78,42 +82,69 @@ class Series:
         return self.columns[name]
 
 
-def parse_series(data: bytes, path: str | Path, rules: Sequence[Rule], rows: int, findings: Findings) -> Series:
-    """Read time and the wanted columns from the bytes of a CSV file, and check that time increases.
+def parse_series(
+    data: bytes, path: str | Path, rules: Sequence[Rule], rows: int, findings: Findings, columns: Columns = NONE
+) -> Series:
+    """Read time and the wanted columns from the bytes of a table of samples, and check that time increases.
+
+    Rows without a value of any wanted column are left out, as those of another sensor.
 
     Args:
-        data: the bytes; UTF-8, columns separated by comma, semicolon or tab, comments after `#`.
+        data: the bytes; UTF-8, as `read_samples` takes them.
         path: names the file in messages.
         rules: of the wanted columns; further ones are ignored.
         rows: the fewest rows that will do.
         findings: where problems are put; reading goes on.
+        columns: headers by names of the file.
 
     Returns:
         What could be read.
     """
-    is_column = lambda name: name_and_unit(name)[0].lower() == TIME or name.endswith("]")  # noqa: E731
-    file, delimiter, records = records_of(data, path, is_column, findings, "time", "check the file")
+    table = read_samples(data, path, columns, findings, "time", "check the file")
+    file, delimiter, records, remarks = table.file, table.delimiter, table.records, list(table.remarks)
     wanted, faults, misfits = [Rule(TIME, quantities=("time",), required=True), *rules], Findings(), Findings()
+    records[0] = _known_by_alias(records[0], rules, faults, remarks)
     header = read_header(records[0], wanted, "", faults)
     at_fault = frozenset(problem.column for problem in faults)
     rows_read = fitting(records[1:], len(header.names), delimiter, misfits)
     findings += [*faults, *counted(misfits)]
     places = {rule.name: header.names.index(rule.name) for rule in wanted if rule.name in header.units}
+    own = [place for name, place in places.items() if name != TIME]
+    rows_read = [row for row in rows_read if not own or any(row[1][p].lower() not in ("", "nan") for p in own)]
     decimal = decimal_mark(delimiter, (cells[place] for _, cells in rows_read for place in places.values()))
-    columns = dict[str, np.ndarray]()
+    read = dict[str, np.ndarray]()
     for name in [name for name in places if name not in at_fault]:
         mine, place, factor = Findings(), places[name], header.units[name].factor
         values = [mine.attempt(row, name, _number, cells[place], decimal, factor) for row, cells in rows_read]
-        columns[name] = np.array(values, float)
+        read[name] = np.array(values, float)
         findings += counted(mine)
     sha256, where = hashlib.sha256(data).hexdigest(), tuple(row for row, _ in rows_read)
-    series = Series(file, sha256, header, where, columns, at_fault)
+    series = Series(file, sha256, header, where, read, at_fault, tuple(remarks))
     findings += counted(_time_problems(series))
     given = len(records) - 1
     if given < rows:
         got = f"{given} row{'s' if given > 1 else ''}"
         findings.append(Problem(file, got, f"at least {rows}", "give a longer recording"))
     return series
+
+
+def _known_by_alias(record: Record, rules: Sequence[Rule], faults: Findings, remarks: list[str]) -> Record:
+    """Return a header with the names of wanted columns that it has under another name."""
+    where, cells = record
+    pairs = [name_and_unit(cell) for cell in cells]
+    names = {name.lower() for name, _ in pairs}
+    for rule in rules:
+        known = [i for i, (name, _) in enumerate(pairs) if rule.alias and re.fullmatch(rule.alias, name, re.IGNORECASE)]
+        if rule.name.lower() in names or not known:
+            continue
+        first, words = known[0], " and ".join(quoted(pairs[i][0]) for i in known)
+        if known[1:]:
+            remedy = f"name one (`columns`), as {pairs[first][0]}={rule.name}"
+            faults.append(Problem(where, words, f"one column that is {rule.name}", remedy, rule.name))
+        else:
+            remarks.append(f"{where}: {words} is taken as {rule.name}; `columns` would say otherwise")
+            cells = [*cells[:first], f"{rule.name} [{pairs[first][1]}]", *cells[first + 1 :]]
+    return where, cells
 
 
 def counted(problems: Iterable[Problem]) -> Iterator[Problem]:

@@ -58,7 +58,7 @@ def sheet_text(data: bytes, file: str) -> str:
     text = io.StringIO()
     for cells in lines:
         if cells and not cells[0].startswith("#"):
-            csv.writer(text, lineterminator="\n").writerow([*cells, *[""] * (width - len(cells))])
+            text.write(csv_line([*cells, *[""] * (width - len(cells))]))
         else:  # a comment stays a comment, and an empty row becomes an empty line
             text.write(" ".join(filter(None, cells)) + "\n")
     return text.getvalue()
@@ -159,8 +159,6 @@ def records_of(
 ) -> tuple[str, str, list[Record]]:
     """Return a table's name for messages, its delimiter and its records; note malformed records.
 
-    A header may follow # or %, as NumPy and MATLAB write it.
-
     Args:
         data: the bytes of the file: CSV, or an `.xlsx` file, whose first sheet counts; or the text of a CSV file.
         path: names it.
@@ -174,9 +172,8 @@ def records_of(
     file = one_line(str(path))
     if isinstance(data, bytes):
         data = sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
-    text = _uncommented(data)
-    delimiter = sniff_delimiter(text, is_column)
-    records = list(read_records(text, delimiter, file, findings))
+    delimiter = sniff_delimiter(data, is_column)
+    records = list(read_records(data, delimiter, file, findings))
     where, header = records[0] if records else ("", [])
     counts = [[*map(str, range(first, first + len(header)))] for first in (0, 1)]  # as pandas heads what has no names
     named = not _is_numeric(" ".join(header)) or (len(header) > 2 and header in counts)
@@ -186,22 +183,6 @@ def records_of(
         (each, remedy), got = needed, "only one row" if records else "no row"
         raise InputError([*findings, Problem(file, got, f"a header and a row for each {each}", remedy)])
     return file, delimiter, records
-
-
-def _uncommented(text: str) -> str:
-    """Return the text with # or % removed from a header directly above numbers in as many columns."""
-    at, start, marked, line = 0, 0, "", ""
-    for line in io.StringIO(text, newline=""):
-        if line.lstrip().startswith(("#", "%")):
-            start, marked = at, line
-        elif line.strip(DELIMITERS + " \r\n"):
-            break
-        at += len(line)
-    header = marked.lstrip(" \t#%")
-    delimiter = max(DELIMITERS, key=header.count)
-    if header.count(delimiter) != line.count(delimiter) or not _is_numeric(line) or not header or _is_numeric(header):
-        return text
-    return text[:start].replace("%", "#") + header + text[start + len(marked) :]
 
 
 def _is_numeric(line: str) -> bool:
@@ -226,6 +207,13 @@ def name_and_unit(cell: str) -> tuple[str, str]:
     """Split a header cell `name [unit]`; the unit may be empty."""
     match = re.fullmatch(r"([^\[\]]*?)\s*(?:\[([^\]]*)\])?", cell)
     return (match[1], (match[2] or "").strip()) if match else (cell, "")
+
+
+def csv_line(cells: Sequence[str], delimiter: str = ",") -> str:
+    """Return cells as one line of a CSV file."""
+    line = io.StringIO()
+    csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(cells)
+    return line.getvalue()
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]], comments: Iterable[str] = ()) -> str:

@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from ident.errors import Problem, refuse
 from ident.measure.columns import EXAMPLES, Rule
-from ident.measure.recordings.sampling import UNEVEN, odd_interval
+from ident.measure.recordings.sampling import evened
+from ident.measure.samples import NONE, Columns
 from ident.measure.series import TIME, Sampled, Series, parse_series
 from ident.measure.table import (
     Findings,
@@ -22,6 +23,8 @@ DIRECTIONS = ("x", "y", "z")
 """Names of the columns: axes of the base frame."""
 KINDS = {"length": "displacement", "acceleration": "acceleration"}
 """What a trace may be of, by the quantity of its units."""
+ALIAS = r"(?:lin(?:ear)?[ _.]?)?acc(?:el(?:eration|erometer)?)?[ _.]?{0}|a_?{0}"
+"""What sensors call the acceleration along an axis."""
 TRACE_ROWS_MIN = 16
 """Fewest rows of a trace."""
 
@@ -34,20 +37,24 @@ class Trace(Sampled):
         kind: `displacement` or `acceleration`.
         values: (T,) [m or m/s^2] by direction, `x`, `y` or `z` of the base frame.
         ignored: names of further columns of the file, as written in its header.
+        notes: what was taken from a program's convention, and done to the times.
     """
 
     kind: str
     values: Mapping[str, Float[np.ndarray, " T"]]
     ignored: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
-def read_trace(path: str | Path) -> Trace:
+def read_trace(path: str | Path, columns: Columns = NONE) -> Trace:
     """Read a trace from a CSV file with the columns `time [s]` and any of `x [mm]`, `y [mm]`, `z [mm]`.
 
     The unit tells displacement from acceleration, `x [m/s^2]`; one file has one of the two.
 
     Args:
-        path: the file; UTF-8, columns separated by comma, semicolon or tab, in any order; further ones are ignored.
+        path: the file; UTF-8, columns separated by comma, semicolon, tab or blanks, in any order; further ones are
+            ignored. Its clock may jitter, see `ident.measure.recordings.sampling.evened`.
+        columns: headers by names of the file, `{"accel_x": "z [mm/s^2]"}`, for what it does not say itself.
 
     Returns:
         The trace in SI units.
@@ -55,19 +62,20 @@ def read_trace(path: str | Path) -> Trace:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    return parse_trace(read_table(path, LARGEST_SAMPLES), path)
+    return parse_trace(read_table(path, LARGEST_SAMPLES), path, columns)
 
 
-def parse_trace(data: bytes, path: str | Path) -> Trace:
+def parse_trace(data: bytes, path: str | Path, columns: Columns = NONE) -> Trace:
     """Read a trace from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
-    rules = [Rule(direction, quantities=tuple(KINDS)) for direction in DIRECTIONS]
-    series = parse_series(data, path, rules, TRACE_ROWS_MIN, findings)
-    findings += [*_kind_problems(series), *sampling_problems(series)]
+    rules = [Rule(direction, quantities=tuple(KINDS), alias=ALIAS.format(direction)) for direction in DIRECTIONS]
+    series = parse_series(data, path, rules, TRACE_ROWS_MIN, findings, columns)
+    findings += _kind_problems(series)
     refuse(findings)
     values = {direction: series[direction] for direction in DIRECTIONS if direction in series}
     kind = KINDS[series.header.units[next(iter(values))].quantity]
-    return Trace(str(path), series.sha256, series[TIME], kind, values, series.header.ignored)
+    time, values, remarks = at_even_times(series, values)
+    return Trace(str(path), series.sha256, time, kind, values, series.header.ignored, (*series.remarks, *remarks))
 
 
 def _kind_problems(series: Series) -> Iterator[Problem]:
@@ -82,16 +90,15 @@ def _kind_problems(series: Series) -> Iterator[Problem]:
             yield Problem(where, got, expected, "put displacements and accelerations into two files", name)
 
 
-def sampling_problems(series: Series) -> Iterator[Problem]:
-    """Find the interval that differs most from the median one, once time increases."""
-    steps = np.diff(series[TIME]) if TIME in series else np.zeros(0)
-    if not steps.size or not (steps > 0).all():
-        return
-    mean = steps.mean()
-    if abs(steps - mean).max() > UNEVEN * mean:
-        row, expected, remedy = odd_interval(series[TIME])
-        got = f"{steps[row]:.6g} s since the row before"
-        yield Problem(series.where[row + 1], got, expected, remedy, TIME)
+def at_even_times(
+    series: Series, values: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
+    """Return times and columns with an even clock, and what was done for it; see `evened`."""
+    even = evened(series[TIME], np.stack(list(values.values())), series.file)
+    if not even.remarks:
+        return series[TIME], dict(values), ()
+    time = even.start + even.step * np.arange(even.values.shape[1])
+    return time, dict(zip(values, even.values, strict=True)), even.remarks
 
 
 _COLUMN = re.compile(rf"(?P<name>(?P<pulley>{NAME})\.frequency)\s*\[.*\]")

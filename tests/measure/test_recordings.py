@@ -355,19 +355,24 @@ def test_csv_of_half_a_frequency_response_asks_for_both_parts(tmp_path, header):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "above"),
     [
-        ("DAQ export\n12 May\ntime [s],a [N]\n0,1\n1,2\n", "a.csv:3: got 2 fields"),
-        ("DAQ export\ntime\n0\n1\n", "a.csv:2: got 'time', expected a number"),
-        ("DAQ, export\ntime [s],a [N]\n0,1\n1,2\n", "a.csv:2: got 'time [s]', expected a number"),
+        ("DAQ export\n12 May\ntime [s],a [N]\n0,1\n1,2\n", "lines 1 to 2"),
+        ("DAQ, export\n0 Hz\ntime [s],a [N]\n0,1\n1,2\n", "lines 1 to 2"),
+        ("Rate;1\nGain;10\n\ntime;a\ns;N\n0;1\n1;2\n", "lines 1 to 2"),
     ],
 )
-def test_csv_with_lines_above_its_header_says_which_line_was_taken_for_it(tmp_path, text, words):
+def test_lines_above_a_header_are_left_out(tmp_path, text, above):
     (tmp_path / "a.csv").write_text(text)
-    line = refused(tmp_path / "a.csv")
-    assert words in line
-    assert "line 1 was taken for the header: 'DAQ" in line
-    assert "begin lines above the header with #" in line
+    (channel,) = read_recording(tmp_path / "a.csv").channels
+    assert (channel.name, channel.unit, channel.step) == ("a", "N", 1.0)
+    np.testing.assert_array_equal(channel.values, [[1, 2]])
+    assert channel.remarks == (f"{tmp_path}/a.csv: {above} above the header were not read",)
+
+
+def test_a_broken_row_is_no_header(tmp_path):
+    (tmp_path / "a.csv").write_text("time [s],a [N]\n0,1\nx,y\n1,2\n2,3\n")
+    assert "a.csv:3: got 'x', expected a number" in refused(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,12 @@
 import hashlib
 import importlib
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 from ident.errors import Problem, require
 from ident.measure.recordings.recording import Channel, LackingError, NoChannelError, Recording, Shape
+from ident.measure.samples import NONE, Columns, split_header
 from ident.text import LARGEST_BINARY, LARGEST_SAMPLES, one_line, read_bytes
 
 __all__ = [
@@ -40,13 +42,14 @@ def is_recording(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
-def read_recording(path: str | Path) -> Recording:
+def read_recording(path: str | Path, columns: Columns = NONE) -> Recording:
     """Read a recording from a file of a universal (UFF), CSV, MATLAB, LabVIEW (LVM, TDMS), WAV or HDF5 format.
 
     Numbers and units are those of the file; a channel table gives their meaning.
 
     Args:
         path: the file; its ending gives the format.
+        columns: names and units of channels, `name [unit]`, by their names in the file.
 
     Returns:
         Its channels, finished modes and nodes.
@@ -65,10 +68,19 @@ def read_recording(path: str | Path) -> Recording:
     module = importlib.import_module(f"ident.measure.recordings.{kind}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the readers check for what matters
-        channels, shapes, places = module.read(path, data)
+        if kind == "csv_columns":
+            channels, shapes, places = module.read(path, data, columns)
+        else:
+            channels, shapes, places = module.read(path, data)
+            channels = tuple(_renamed(channel, columns) for channel in channels)
     if not channels and not shapes and not places:
         raise NoChannelError(Problem(file, "no channel", "at least one row of numbers", "export it again"))
     for channel in channels:
         got, expected = f"no sample of {one_line(channel.name)}", "at least one sample of each channel"
         require(channel.values.size, file, got, expected, "export it again")
     return Recording(str(path), hashlib.sha256(data).hexdigest(), channels, shapes, places)
+
+
+def _renamed(channel: Channel, columns: Columns) -> Channel:
+    name, unit = split_header(columns.get(channel.name, ""))
+    return replace(channel, name=name or channel.name, unit=unit or channel.unit)

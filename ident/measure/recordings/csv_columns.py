@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.errors import InputError, Problem, placed, refusal, refuse, require
 from ident.measure.recordings.recording import Channel, Contents, Shape, array_channels, response_and_part
-from ident.measure.recordings.sampling import even_step
+from ident.measure.recordings.sampling import Even, evened
+from ident.measure.samples import Columns, Samples, read_samples, split_header
 from ident.measure.table import (
     IS_NUMBER,
     Findings,
@@ -18,9 +19,8 @@ from ident.measure.table import (
     doubled,
     misfit,
     parse_number,
-    records_of,
 )
-from ident.text import decode, one_line, quoted
+from ident.text import by_key, one_line, quoted
 from ident.units import si_factor
 
 TIME = "time"
@@ -30,55 +30,73 @@ SIGMA, IMAGINARY = "sigma ", "imag "
 _FREQUENCY = re.compile(r"freq(?:s|uency|uencies)?\.?\s*(?:[\[(](?P<unit>[^\])]*)[\])])?", re.IGNORECASE)
 
 
-def read(path: Path, data: bytes) -> Contents:
+def read(path: Path, data: bytes, columns: Columns) -> Contents:
     """Return the columns of a CSV file: samples over `time [s]`, or frequency responses over `frequency [Hz]`."""
     findings = Findings()
-    text = decode(data, one_line(str(path)), by_instrument=True)
-    file, delimiter, records = records_of(text, path, lambda name: True, findings)
-    if not findings and records and {_name(cell) for cell in records[0][1]} >= MODE:
+    table = read_samples(data, path, columns, findings, by_instrument=True)
+    file, delimiter, records = table.file, table.delimiter, table.records
+    if not findings and records and {split_header(cell)[0] for cell in records[0][1]} >= MODE:
         return (), modes(records, delimiter), {}
     if findings or len(records) < 3:
         few = Problem(file, "no header with two rows of numbers below", "columns of samples", "export it again")
         raise InputError([*findings] or few)
-    (where, header), table = records[0], _numbers(records, delimiter)
-    named = [(_name(cell), _unit(cell)) for cell in header]
-    frequency = _frequency(header, table)
+    (where, header), values = records[0], _numbers(records, delimiter)
+    frequency = _frequency(header, values)
     if frequency is not None:
-        return tuple(_over_frequency(where, header, table, frequency)), (), {}
-    step, start, clocks = None, 0.0, list[np.ndarray]()
-    for (name, unit), column in zip(named, table.T, strict=True):
+        return tuple(_over_frequency(where, header, values, frequency)), (), {}
+    cells = [(name, unit, column) for (name, unit), column in zip(map(split_header, header), values.T, strict=True)]
+    clocks = list[np.ndarray]()
+    for name, unit, column in cells:
         if name.lower() == TIME and unit:
             with placed(where, name):
                 clocks.append(column * si_factor(unit, "time"))
-            step, start = even_step(clocks[0], file), float(clocks[0][0])
+    if not clocks:
+        return tuple(Channel(name, column[None].copy(), unit) for name, unit, column in cells), (), {}
     alike = all(np.allclose(each, clocks[0], rtol=1e-6, atol=1e-9) for each in clocks)
     remedy = "put the channels of each into a file of their own"
     require(alike, where, f"{len(clocks)} columns of different times", "one", remedy, TIME)
-    kept = [each for each in zip(named, table.T, strict=True) if not (step and each[0][0].lower() == TIME)]
-    channels = tuple(Channel(name, column[None].copy(), unit, step, start) for (name, unit), column in kept)
-    return channels, (), {}
+    kept = [(name, unit, column) for name, unit, column in cells if name.lower() != TIME]
+    return tuple(_over_time(kept, clocks[0], table)), (), {}
+
+
+def _over_time(cells: list[tuple[str, str, np.ndarray]], time: np.ndarray, table: Samples) -> Iterator[Channel]:
+    """Yield channels over time; those with values in the same rows have one clock."""
+    rows = {place: np.isfinite(column) for place, (_, _, column) in enumerate(cells)}
+    clocks = by_key((rows[place].tobytes(), place) for place in rows if rows[place].sum() > 1).values()
+    of = dict[int, tuple[Even, int]]()
+    for places in clocks:
+        own = rows[places[0]]
+        even = evened(time[own], np.stack([cells[place][2][own] for place in places]), table.file)
+        of |= {place: (even, number) for number, place in enumerate(places)}
+    for place, (even, number) in sorted(of.items()):
+        name, unit, _ = cells[place]
+        remarks = (*table.remarks, *even.remarks)
+        yield Channel(
+            name, even.values[number][None].copy(), unit, even.step, even.start, remarks=remarks, step_error=even.error
+        )
 
 
 def _frequency(header: Sequence[str], table: np.ndarray) -> int | None:
     """Return the column of frequencies; None for samples over time."""
-    if any(_name(cell).lower() == TIME for cell in header):
+    if any(split_header(cell)[0].lower() == TIME for cell in header):
         return None
     named = [i for i, cell in enumerate(header) if _FREQUENCY.fullmatch(cell)]
-    first = [0] if _unit(header[0]).lower() in ("hz", "khz") else []
+    first = [0] if split_header(header[0])[1].lower() in ("hz", "khz") else []
     return next((i for i in (*named, *first) if (np.diff(table[:, i]) > 0).all()), None)
 
 
 def _over_frequency(where: str, header: Sequence[str], table: np.ndarray, frequency: int) -> Iterator[Channel]:
     """Yield the frequency responses with both parts; a column without its other part becomes a flawed channel."""
-    parts = [response_and_part(_name(cell)) for cell in header]
+    parts = [response_and_part(split_header(cell)[0]) for cell in header]
     for i, part in enumerate(parts):
         if part in parts[:i]:
             both = f"{quoted(header[parts.index(part)])} and {quoted(header[i])}"
             raise refusal(where, both, "one column for each part of a response", "remove or rename one", part[0])
     said = _FREQUENCY.fullmatch(header[frequency])
-    unit = _unit(header[frequency]) or (said["unit"] or "" if said else "")
-    axis, others = ("frequency", table[:, frequency], unit), [i for i in range(len(header)) if i != frequency]
-    for each in array_channels([axis, *((_name(header[i]), table[:, i], _unit(header[i])) for i in others)]):
+    unit = split_header(header[frequency])[1] or (said["unit"] or "" if said else "")
+    cells = [(name, column, unit) for (name, unit), column in zip(map(split_header, header), table.T, strict=True)]
+    axis, others = ("frequency", table[:, frequency], unit), [cell for i, cell in enumerate(cells) if i != frequency]
+    for each in array_channels([axis, *others]):
         remedy = "write it into the header, as in 'frequency [Hz]'"
         yield each if unit else replace(each, flaw="values over frequencies without a unit", remedy=remedy)
 
@@ -91,7 +109,7 @@ def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
     `sigma frequency [Hz]`.
     """
     (where, header), rows = records[0], records[1:]
-    names = [_name(cell) for cell in header]
+    names = [split_header(cell)[0] for cell in header]
     refuse(doubled(where, names))
     factors = [_factor(where, cell) for cell in header]
     require(rows, where, "a header without a row", "a row for each mode", "add the modes")
@@ -121,23 +139,15 @@ def _check(where: str, cells: Mapping[str, float], sigma: Mapping[str, float], m
         require(fine, where, f"{value:g}", expected, "correct it", f"{SIGMA}{one_line(name)}")
 
 
-def _name(cell: str) -> str:
-    return cell.partition("[")[0].strip()
-
-
 def _factor(where: str, cell: str) -> float:
     """Return SI units per unit of a column; frequencies and damping ratios must have one."""
-    quantity = _name(cell).removeprefix(SIGMA)
+    quantity = split_header(cell)[0].removeprefix(SIGMA)
     if quantity not in MODE:
         return 1.0
     expected = f"a unit, as in '{quantity} [{'Hz' if quantity == 'frequency' else '%'}]'"
-    require(_unit(cell), where, "no unit", expected, "write it in square brackets", _name(cell))
-    with placed(where, _name(cell)):
-        return si_factor(_unit(cell), quantity)
-
-
-def _unit(cell: str) -> str:
-    return cell.partition("[")[2].removesuffix("]").strip()
+    require(split_header(cell)[1], where, "no unit", expected, "write it in square brackets", split_header(cell)[0])
+    with placed(where, split_header(cell)[0]):
+        return si_factor(split_header(cell)[1], quantity)
 
 
 def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
@@ -155,12 +165,14 @@ def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
             remedy = f"begin lines above the header with #; or {problem.remedy}"
             raise InputError(replace(problem, expected=f"{width}, as in the header ({above})", remedy=remedy))
     mark = decimal_mark(delimiter, (cell for _, cells in rows[:50] for cell in cells))
-    texts = [[cell.replace(mark, ".") for cell in cells] for _, cells in rows]
+    texts = [[cell.replace(mark, ".") or "nan" for cell in cells] for _, cells in rows]
     try:
         return np.array(texts).astype(float)
     except ValueError:
         pass
-    every = ((where, cell) for where, cells in rows for cell in cells if not IS_NUMBER(cell.replace(mark, ".")))
+    every = (
+        (where, cell) for where, cells in rows for cell in cells if cell and not IS_NUMBER(cell.replace(mark, "."))
+    )
     findings, (where, cell) = Findings(), next(every, (place, ""))
     findings.attempt(where, "", parse_number, cell, mark)
     if where == rows[0][0]:

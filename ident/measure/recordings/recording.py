@@ -29,6 +29,8 @@ class Channel:
         notes: (B,) the file's text on each of several blocks, for messages.
         flaw: why its values cannot be used; empty where they can.
         remedy: what to export instead.
+        remarks: what was taken from a program's convention, and done to its times.
+        step_error: relative standard error of the step, where it was fitted to stamps that jitter.
     """
 
     name: str
@@ -41,6 +43,8 @@ class Channel:
     notes: tuple[str, ...] = ()
     flaw: str = ""
     remedy: str = ""
+    remarks: tuple[str, ...] = ()
+    step_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,11 @@ class Recording:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(_told_apart(self.channels)))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks on its channels, each once."""
+        return tuple(dict.fromkeys(remark for channel in self.channels for remark in channel.remarks))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,0 +1,121 @@
+"""Sines stamped as sensors, phones and controllers stamp: frequency and amplitude are right within their errors."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from ident.errors import InputError
+from ident.measure.recordings.sampling import evened, held_rows
+
+DRAWS, LENGTH, NOISE = 100, 20.0, 0.02
+"""Length [s] of each recording, and noise relative to the amplitude."""
+
+
+def fifo_overflow(rng):
+    """800 Hz; 150 samples are lost at once, and the stamps, counted by samples, catch up within two seconds."""
+    true = np.arange(0, LENGTH, 1 / 800)
+    at = int(rng.integers(2_000, 5_000))
+    kept = np.delete(true, slice(at, at + 150))
+    early = np.where(np.arange(len(kept)) < at, 0.0, 150 / 800 * np.clip(1 - (np.arange(len(kept)) - at) / 1_600, 0, 1))
+    return kept, kept - early
+
+
+def skipped(rng):
+    """400 Hz, with one sample left out now and then: the step is twice as long there."""
+    true = np.arange(0, LENGTH, 1 / 400)
+    true = np.delete(true, 3 * rng.choice(len(true) // 3 - 2, 9, replace=False) + 2)
+    return true, true
+
+
+def phone(rng):
+    """Each interval is of its own, at 100 +- 5 Hz; the stamps are right."""
+    true = np.cumsum(1 / rng.uniform(95, 105, int(100 * LENGTH)))
+    return true, true
+
+
+def held(rng):
+    """50 Hz in a stream of 500 Hz."""
+    true = np.arange(0, LENGTH, 1 / 500)
+    return true[(np.arange(len(true)) // 10) * 10], true
+
+
+def arrival(rng):
+    """125 Hz, stamped on arrival, up to 3 ms late."""
+    true = np.arange(0, LENGTH, 1 / 125)
+    return true, true + rng.uniform(0, 0.003, len(true))
+
+
+def line_of(time, values):
+    """Return frequency and amplitude of the one sine in values, and their standard errors by the residual."""
+
+    def cosines(frequency):
+        turn = 2 * np.pi * frequency * (time - time.mean())
+        return np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)]).T
+
+    def left(frequency):
+        design = cosines(frequency[0])
+        return values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+
+    spectrum = abs(np.fft.rfft(values * np.hanning(len(values))))
+    spectrum[:3] = 0
+    rough = np.fft.rfftfreq(len(values), (time[-1] - time[0]) / (len(time) - 1))[np.argmax(spectrum)]
+    found = least_squares(left, [rough], x_scale=1e-3)
+    parts = np.linalg.lstsq(cosines(found.x[0]), values, rcond=None)[0]
+    amplitude, sd, n = np.hypot(*parts[:2]), left(found.x).std(), len(values)
+    return found.x[0], amplitude, sd * np.sqrt(6 / n) / (np.pi * amplitude * np.ptp(time)), sd * np.sqrt(2 / n)
+
+
+@pytest.mark.parametrize("stamped", [fifo_overflow, skipped, phone, held, arrival])
+def test_frequency_and_amplitude_are_right_within_their_error(stamped):
+    """Ninety-five of a hundred draws within twice the standard error, which is no larger than needed."""
+    off, stated = [], []
+    for seed in range(DRAWS):
+        rng = np.random.default_rng(seed)
+        true, stamps = stamped(rng)
+        frequency, phase, gain = rng.uniform(3, 12), rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 3)
+        values = gain * np.sin(2 * np.pi * frequency * true + phase)
+        noise = gain * NOISE * rng.standard_normal(len(values))
+        values = values + (noise[(np.arange(len(values)) // 10) * 10] if stamped is held else noise)
+        even = evened(stamps, values[None], "x.csv")
+        time = even.start + even.step * np.arange(even.values.shape[1])
+        *found, of_frequency, of_amplitude = line_of(time, even.values[0])
+        off.append([found[0] / frequency - 1, found[1] / gain - 1])
+        stated.append([2 * np.hypot(of_frequency / frequency, even.error), 2 * of_amplitude / gain])
+        assert even.remarks
+    off, stated = np.abs(off), np.array(stated)
+    inside, excess = (off <= stated).sum(0), np.sqrt((stated**2).mean(0) / (off**2).mean(0))
+    assert (inside >= 90).all(), inside  # 95 expected: fewer than 90 in 1 % of seeds
+    assert (excess <= 2.5).all(), excess
+
+
+def test_a_clock_that_can_not_be_told_states_both_errors():
+    rng = np.random.default_rng(1)
+    time = np.arange(0, 20, 0.01) + rng.uniform(-0.001, 0.001, 2_000)
+    (remark,) = evened(time, rng.standard_normal((2, 2_000)), "x.csv").remarks
+    assert remark.startswith("x.csv: times off even ones by 0.574 ms rms; even steps of 10 ms were taken instead")
+    assert "if they are true, amplitudes at 8 Hz are low by 0.04" in remark
+
+
+def test_resampling_says_its_band():
+    rng = np.random.default_rng(2)
+    time = np.cumsum(1 / rng.uniform(95, 105, 2_000))
+    (remark,) = evened(time, np.sin(2 * np.pi * 6 * time)[None], "x.csv").remarks
+    band = float(remark.split("up to ")[1].split()[0])
+    assert 20 <= band <= 35
+    for frequency, limit in ((0.9 * band, 0.01), (band, 0.01)):
+        even = evened(time, np.stack([np.sin(2 * np.pi * f * time) for f in (6.0, frequency)]), "x.csv")
+        at = even.start + even.step * np.arange(even.values.shape[1])
+        assert line_of(at, even.values[1])[1] == pytest.approx(1, abs=limit)
+
+
+def test_times_that_wander_too_far_are_refused_with_the_bound():
+    rng = np.random.default_rng(3)
+    time = np.cumsum(rng.uniform(0.004, 0.016, 2_000))
+    with pytest.raises(InputError, match=r"got steps off even ones by 3\.\d+ ms rms, expected at most"):
+        evened(time, rng.standard_normal((1, 2_000)), "x.csv")
+
+
+@pytest.mark.parametrize("digits", [1, 2, 6])
+def test_steps_of_an_encoder_are_not_held_values(digits):
+    time = np.arange(0, 12, 0.002)
+    assert held_rows(np.round(40 * np.sin(0.3 * time), digits)[None]) is None
