@@ -17,6 +17,7 @@ from ident.measure.kinds import DRIVE_STATES
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, LackingError, NoChannelError, Recording, is_recording, read_recording
 from ident.measure.recordings.recording import ONE_NAME
+from ident.measure.samples import NONE, Columns
 from ident.measure.speeds import Speed, parse_speeds
 from ident.measure.table import Findings, csv_text, guarded, parse_number, read_table
 from ident.text import by_key, one_line, quoted, which_file
@@ -263,13 +264,14 @@ MEASURED = (FORCE, RESPONSE, TIME)
 HEAD = ("file", "channel", "role", "point", "direction", "frame", "unit", "sensitivity", "rate", "decay")
 
 
-def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, Recording]:
+def recordings_of(folder: Path, table: ChannelTable | None = None, columns: Columns = NONE) -> dict[str, Recording]:
     """Return the recordings of a folder by file name, without channel tables and campaigns.
 
     Args:
         folder: folder of the recordings.
         table: names the files to read; others are listed without channels. None reads all, and lists files in which
             nothing was recorded without channels.
+        columns: see `read_recording`.
 
     Raises:
         InputError: not a folder, no recordings in it, or some are unreadable; one line each.
@@ -285,7 +287,7 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
             found[path.name] = Recording(str(path), "", ())
             continue
         try:
-            found[path.name] = read_recording(path)
+            found[path.name] = read_recording(path, columns)
             again = [each for each in found[path.name].channels if table is None and ONE_NAME in each.flaw]
             for name, each in {each.name: each for each in again}.items():
                 problems.append(Problem(one_line(str(path)), each.flaw, "a name for each channel", each.remedy, name))

@@ -181,6 +181,7 @@ class Runs:
         traces: in the order of the table.
         files: the recordings and logs, by name.
         notes: remarks on them.
+        columns: headers by names of the files, for what these do not say themselves.
     """
 
     path: str
@@ -188,6 +189,7 @@ class Runs:
     traces: tuple[Trace, ...]
     files: Mapping[str, SourceFile]
     notes: tuple[str, ...] = ()
+    columns: Columns = NONE
 
     def of(self, file: str) -> tuple[Trace, ...]:
         """Return the traces of one file."""
@@ -227,7 +229,7 @@ def read_runs(path: str | Path, columns: Columns = NONE) -> Runs:
             traces += filter(None, own)
     files |= _logs(rows, folder, findings)
     refuse(findings)
-    return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files, tuple(notes))
+    return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files, tuple(notes), columns)
 
 
 def planned_runs(path: str | Path) -> Runs:

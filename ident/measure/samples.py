@@ -8,9 +8,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 
-from ident.errors import refusal
 from ident.measure.table import DELIMITERS, IS_NUMBER, Findings, Record, csv_line, records_of, sheet_text
-from ident.text import decode, one_line, quoted
+from ident.text import decode, one_line
 from ident.units import VOLTAGES, sensor_factor
 
 Columns = Mapping[str, str]
@@ -251,20 +250,3 @@ def _date(text: str) -> datetime | None:
     except ValueError:
         return None
     return date if date.tzinfo else date.replace(tzinfo=UTC)
-
-
-def columns_of(texts: Sequence[str], flag: str) -> dict[str, str]:
-    """Read FILE'S NAME=NAME:UNIT, separated by commas, as `columns`: `actual_q_0=joint1:rad`.
-
-    Raises:
-        InputError: no such pair, or a name twice.
-    """
-    found = dict[str, str]()
-    for part in (part.strip() for text in texts for part in text.split(",")):
-        own, equals, header = part.partition("=")
-        name, _, unit = header.partition(":")
-        if not (own.strip() and equals and header.strip()) or own.strip() in found:
-            got = f"{quoted(own)} twice" if own.strip() in found else quoted(part)
-            raise refusal(flag, got, "NAME IN THE FILE=NAME:UNIT, each once", "as actual_q_0=joint1:rad,t=time:ms")
-        found[own.strip()] = f"{name.strip()} [{unit.strip()}]" if unit.strip() else name.strip()
-    return found

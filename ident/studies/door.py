@@ -15,7 +15,7 @@ from ident.units import stiffness_in
 
 if TYPE_CHECKING:
     from ident.identify.values import Values
-    from ident.measure import Trace
+    from ident.measure import Log, Trace
 
 R = TypeVar("R")
 """Result of a study."""
@@ -46,10 +46,14 @@ def _draws(posterior: Any, known: Mapping[str, Any]) -> "Values | None":
     return drawn_values(posterior, known["arm"], options.draws, getattr(options, "seed", None), options)
 
 
+def _log(path: Any, known: Mapping[str, Any]) -> "Log":
+    return as_log(path, known["arm"].arm, known["options"].columns)
+
+
 def _trace(trace: Any, known: Mapping[str, Any]) -> "Trace":
     from ident.measure import Trace, read_trace
 
-    return trace if isinstance(trace, Trace) else read_trace(trace)
+    return trace if isinstance(trace, Trace) else read_trace(trace, known["options"].columns)
 
 
 CAMPAIGN = Input("Campaign", "Campaign | str | Path", lambda campaign, known: as_campaign(campaign))
@@ -59,7 +63,7 @@ INPUTS = {
     "measured": CAMPAIGN,
     "fit": Input("Values", "Values | FitResult | str | Path", _fitted),
     "posterior": Input("Values", "Values | SampleResult | str | Path", _draws),
-    "path": Input("Log", "Log | str | Path", lambda path, known: as_log(path, known["arm"].arm)),
+    "path": Input("Log", "Log | str | Path", _log),
     "trace": Input("Trace", "Trace | str | Path", _trace),
 }
 """Inputs by the parameter's name, in the order in which they are read."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.options import STROKE_PROFILES, option
-from ident.studies.shared import ArmOptions, with_numbers
+from ident.studies.shared import ArmOptions, SamplesOptions, with_numbers
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -28,7 +28,7 @@ PHASES = ("unknown", "file")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MovingOptions(ArmOptions):
+class MovingOptions(ArmOptions, SamplesOptions):
     """The motion of the arm, its load, and its changed numbers."""
 
     speed: float | None = option(

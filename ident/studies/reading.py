@@ -102,6 +102,14 @@ def stiffness_unit(text: str, flag: str) -> str:
     return plain.get(re.sub(r"[\s*·]", "", text), text)
 
 
+def columns(texts: Sequence[str], flag: str) -> dict[str, str]:
+    """Read NAME IN THE FILE=NAME:UNIT, separated by commas; each name once."""
+    parts = [part.strip() for text in texts for part in text.split(",")]
+    pairs = [(own.strip(), header.strip()) for own, header in (named(part, f"{flag} {part}") for part in parts)]
+    headers = [(own, *(word.strip() for word in header.partition(":")[::2])) for own, header in pairs]
+    return once(flag, [(own, f"{name} [{unit}]" if unit else name) for own, name, unit in headers])
+
+
 def named(text: str, where: str) -> tuple[str, str]:
     """Split NAME=VALUE."""
     name, equals, value = text.partition("=")

@@ -40,6 +40,17 @@ class UnitOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SamplesOptions(UnitOptions):
+    """The columns of files of samples."""
+
+    columns: dict[str, str] = repeated(
+        {},
+        "what columns are that a file of samples does not name, as actual_q_0=joint1:rad,t=time:ms; may be repeated",
+        read=reading.columns,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class BaseOptions(UnitOptions):
     """The base of an arm."""
 
@@ -160,7 +171,7 @@ class ArmOptions(BaseOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunsOptions(ArmOptions):
+class RunsOptions(ArmOptions, SamplesOptions):
     """Options of a study of a table of runs: the table has the load of the arm."""
 
     refuses: ClassVar[tuple[str, ...]] = ("load",)
@@ -233,11 +244,11 @@ def with_numbers(arm: "Arm", taken_over: "Values | None", changed: Mapping[str, 
     return arm
 
 
-def as_log(path: "Log | str | Path", arm: "Arm") -> "Log":
-    """Return a path of an arm's driven joints, read from its file if need be."""
+def as_log(path: "Log | str | Path", arm: "Arm", columns: Mapping[str, str]) -> "Log":
+    """Return a path of an arm's driven joints, read from its file if need be; `columns` is as in `ident.read_log`."""
     from ident.measure import Log, read_log
 
-    return path if isinstance(path, Log) else read_log(path, [joint.name for joint in arm.driven])
+    return path if isinstance(path, Log) else read_log(path, [joint.name for joint in arm.driven], columns)
 
 
 def as_campaign(campaign: "Campaign | str | Path") -> "Campaign":

@@ -111,10 +111,12 @@ class SourceFile:
     Attributes:
         path: its path.
         sha256: hash of its bytes.
+        notes: what was taken from a program's convention, and done to the times.
     """
 
     path: str
     sha256: str
+    notes: tuple[str, ...] = ()
 
 
 ONE_NAME = "channels of one name"

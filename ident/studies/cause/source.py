@@ -125,15 +125,15 @@ class SourceResult(Result):
         return not self.study.found.settled
 
 
-def as_runs(runs: "Runs | str | Path") -> "Runs":
-    """Return a table of runs, read if it is a file.
+def as_runs(runs: "Runs | str | Path", columns: "Mapping[str, str]") -> "Runs":
+    """Return a table of runs, read if it is a file; `columns` is as in `ident.read_trace`.
 
     Raises:
         InputError: an error in the table.
     """
     from ident.measure.runs import Runs, read_runs
 
-    return runs if isinstance(runs, Runs) else read_runs(runs)
+    return runs if isinstance(runs, Runs) else read_runs(runs, columns)
 
 
 def arm_beside(runs: "Runs", soft_base: float | None) -> "ArmFile":
@@ -172,7 +172,7 @@ def source(
     """
     from ident.studies.cause.source_study import studied, with_notes
 
-    runs = as_runs(runs)
+    runs = as_runs(runs, options.columns)
     arm = arm or arm_beside(runs, options.soft_base)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
     described = with_numbers(arm.arm, drawn, options.set)

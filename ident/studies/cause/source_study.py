@@ -348,7 +348,7 @@ def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
 
 def with_notes(arm: Arm, table: Runs) -> Runs:
     """Return runs with the repairs of their logs, and the traces that share little time with their motion."""
-    notes = list[str]()
+    notes = list(table.notes)
     for name in table.names:
         traces = _from_start(arm, table, table.of(name))
         row, motion, (start, end) = traces[0].row, _motion(arm, table, traces), traces[0].time[[0, -1]].tolist()
@@ -443,7 +443,7 @@ def unmeasured(arm: Arm, table: Runs, rate: float) -> Runs:
 
 
 def _log(arm: Arm, table: Runs, path: str) -> Log:
-    return read_log(table.files[path].path, [joint.name for joint in arm.driven])
+    return read_log(table.files[path].path, [joint.name for joint in arm.driven], table.columns)
 
 
 def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:

@@ -95,7 +95,7 @@ def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: Tri
     from ident.studies.cause.source_study import moving_traces, with_notes
     from ident.vibrate.triage import triage as found
 
-    runs = as_runs(runs)
+    runs = as_runs(runs, options.columns)
     arm = arm or arm_beside(runs, options.soft_base)
     described = with_numbers(arm.arm, None, options.set)
     runs = with_notes(described, runs)

@@ -143,7 +143,7 @@ def balance(
     options = replace(options, set=_numbers(record, options.set))
     drives = {drive.name: drive for drive in arm.arm.drives}
     options.check_drives(drives)
-    log = None if path is None else as_log(path, arm.arm)
+    log = None if path is None else as_log(path, arm.arm, options.columns)
     basis = basis_of(arm, options, path=log, posterior=values)
     pulleys = {name: pulley_of(drive, basis.arm, options) for name, drive in drives.items()}
     with reading(record):

@@ -397,7 +397,8 @@ def diagnose(
     from ident.studies.cause.source_study import posed, with_notes
     from ident.vibrate.simulate import refuse_jumps
 
-    folder, runs = Path(folder) if folder is not None else None, None if runs is None else as_runs(runs)
+    folder = None if folder is None else Path(folder)
+    runs = None if runs is None else as_runs(runs, options.columns)
     basis = basis_of(arm, options, path=path)
     refuse_jumps(basis.arm, basis.motion)  # refuse before the posterior is sampled
     loads_of(basis.arm, basis.load)

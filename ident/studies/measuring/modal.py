@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
 from ident.studies.result import Result
-from ident.studies.shared import ProblemOptions, as_file
+from ident.studies.shared import ProblemOptions, SamplesOptions, as_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ FINISHED = ("undamped", "pole", "damped")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModalOptions(ProblemOptions):
+class ModalOptions(ProblemOptions, SamplesOptions):
     """Options of `ident.modal_test`: from records to frequency responses, and the knowledge before the data.
 
     The unknowns and their priors bound how far a computed shape may be wrong; measured modes are named by these shapes.
@@ -235,7 +235,7 @@ def modal_test(
     reproducibility = options.known_reproducibility  # refused before any file is read
     check_folder(folder)
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
-    recordings = recordings_of(folder, table)
+    recordings = recordings_of(folder, table, options.columns)
     arm = arm or as_file(folder / ARM, options.soft_base)
     placed = with_places(arm.arm, table)
     based = in_base_frame(placed, table)
@@ -243,7 +243,9 @@ def modal_test(
     files = {"channels": SourceFile(table.path, table.sha256)}
     finished = finished_tests(based, recordings, options.sigma, options.frequency_is)
     used = {name for test in measured for name in test.files} | {name for test in finished for name in test.files}
-    files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
+    files |= {
+        name: SourceFile(each.path, each.sha256, each.remarks) for name, each in recordings.items() if name in used
+    }
     if not measured and not finished:
         raise refusal(table.path, "no row of a response", "at least one", "fill in the column role", "role")
     identified, named = _identified(placed, (measured, finished), options)

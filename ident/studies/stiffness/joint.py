@@ -10,7 +10,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.reading import EACH
 from ident.studies.result import Result
-from ident.studies.shared import UnitOptions
+from ident.studies.shared import SamplesOptions
 from ident.text import did_you_mean, one_line
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ ALIKE = 0.99
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointOptions(UnitOptions):
+class JointOptions(SamplesOptions):
     """Options of `ident.joint`: known data of the joints, and how they were tested."""
 
     ratio: dict[str, float] = option(
@@ -108,7 +108,8 @@ def joint(
     given = [logs] if isinstance(logs, JointLog | str | Path) else [*logs]
     if not given:
         raise refusal("logs", "none", "at least one log", "give its file")
-    read = [each if isinstance(each, JointLog) else read_joint_log(each, locked=options.locked) for each in given]
+    how: Any = {"locked": options.locked, "columns": options.columns}
+    read = [each if isinstance(each, JointLog) else read_joint_log(each, **how) for each in given]
     names, channels = [*read[0].columns], {name: {*columns} for name, columns in read[0].columns.items()}
     expected, remedy = f"those of {one_line(read[0].path)}", "give logs of the same joints"
     problems = [

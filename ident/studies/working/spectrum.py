@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import WINDOWS, option
 from ident.studies.result import Result
-from ident.studies.shared import FARTHEST, BaseOptions, as_log, is_angle
+from ident.studies.shared import FARTHEST, BaseOptions, SamplesOptions, as_log, is_angle
 from ident.studies.working.simulate import SimulateResult
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpectrumOptions(BaseOptions):
+class SpectrumOptions(BaseOptions, SamplesOptions):
     """Options of `ident.spectrum`: the part of the trace, its analysis, and the posture of an arm."""
 
     direction: tuple[str, ...] | None = option(None, "as x,z; default: all that the file has", read=reading.words)
@@ -182,7 +182,7 @@ def spectrum(
     given, turning = _traces(trace, against, pulleys, options)
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
-    log = None if arm is None or path is None else as_log(path, arm.arm)
+    log = None if arm is None or path is None else as_log(path, arm.arm, options.columns)
     window = options.window
     spectra = Spectra(
         directions,
