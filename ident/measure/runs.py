@@ -4,7 +4,7 @@ import hashlib
 import re
 from cmath import rect
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +189,7 @@ class Runs:
     traces: tuple[Trace, ...]
     files: Mapping[str, SourceFile]
     notes: tuple[str, ...] = ()
-    columns: Columns = NONE
+    columns: Columns = field(default_factory=dict)
 
     def of(self, file: str) -> tuple[Trace, ...]:
         """Return the traces of one file."""

@@ -193,17 +193,18 @@ def _spelled(cells: Sequence[str], columns: Columns, file: str, remarks: list[st
     taken = dict[str, list[str]]()
     clocks = [name for name in names if CLOCK.fullmatch(name)]
     for cell, (name, unit) in zip(cells, pairs, strict=True):
-        if (header := columns.get(name, columns.get(cell))) is not None:
-            new, own = split_header(header)
-            name, unit = new or name, own or unit
-        elif not unit and known and (own := next((u for n, u in known.units.items() if re.fullmatch(n, name)), "")):
-            unit = own
-            taken.setdefault(unit, []).append(name)
+        new, own = split_header(columns.get(name, columns.get(cell, "")))
+        if not (own or unit) and known:
+            own = next((unit for column, unit in known.units.items() if re.fullmatch(column, name)), "")
+            taken.setdefault(own, []).append(name)
+        name, unit = new or name, own or unit
         if CLOCK.fullmatch(name) and clocks == [name] and (unit or known):
             name = "time"
         yield f"{name} [{unit}]" if unit else name
+    if columns and not {*columns} & {*names, *cells}:
+        remarks.append(f"{file}: has none of the columns {', '.join(columns)} that the option columns names")
     if known and taken:
-        words = "; ".join(f"{', '.join(own)} in {unit}" for unit, own in taken.items())
+        words = "; ".join(f"{', '.join(own)} in {unit}" for unit, own in taken.items() if unit)
         remarks.append(f"{file}: {words}, as {known.program} writes them")
 
 

@@ -142,7 +142,7 @@ def _known_by_alias(record: Record, rules: Sequence[Rule], faults: Findings, rem
             remedy = f"name one (`columns`), as {pairs[first][0]}={rule.name}"
             faults.append(Problem(where, words, f"one column that is {rule.name}", remedy, rule.name))
         else:
-            remarks.append(f"{where}: {words} is taken as {rule.name}; `columns` would say otherwise")
+            remarks.append(f"{where}: {words} is taken as {rule.name}; the option columns can say otherwise")
             cells = [*cells[:first], f"{rule.name} [{pairs[first][1]}]", *cells[first + 1 :]]
     return where, cells
 

@@ -138,7 +138,11 @@ def set_column(index, value):
         (HEAD.replace("joint1.", ""), None, "log.csv:1: got no joint, expected columns as 'joint1.motor [deg]'"),
         (HEAD.replace("[N*m]", "[N]"), None, "log.csv:1, joint1.torque: got "),
         (HEAD.replace(" [N*m]", ""), None, "log.csv:1, joint1.torque: got no unit"),
-        (HEAD, lambda rows: rows[:500] + rows[540:], "s since the row before, expected 0.00"),
+        (
+            HEAD,
+            lambda rows: [row for i, row in enumerate(rows) if i % 100 < 60],
+            "gaps and a drifting clock that leave",
+        ),
         (HEAD, set_column(1, 3.0), "joint1.motor: got one value throughout, expected a joint that moves"),
         (HEAD, set_column(3, 7.0), "joint1.torque: got one value throughout, expected a torque that varies"),
         (

@@ -118,7 +118,7 @@ def _resampled(time: np.ndarray, values: np.ndarray, file: str, column: str, rem
             remarks.append(f"{file}: {got}; even steps of {1e3 * step:.5g} ms were taken instead{other}")
         if number[-1] + 1 == len(time):
             return Even(float(fitted[0]), step, values, tuple(remarks), error)
-        remarks.append(f"{file}: {number[-1] + 1 - len(time):.0f} single samples are missing and were interpolated")
+        remarks.append(f"{file}: single missing samples were interpolated, {number[-1] + 1 - len(time):.0f} in all")
     even = source[0] + step * np.arange(int((source[-1] - source[0]) / step + 1e-6) + 1)
     values = make_interp_spline(source, values.T, k=DEGREE)(even).T
     cost = f"amplitudes are right within {100 * ERROR_MAX:g} % up to {trusted_band(source, even):.3g} Hz"
