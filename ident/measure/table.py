@@ -173,7 +173,7 @@ def records_of(
     """
     file = one_line(str(path))
     if isinstance(data, bytes):
-        data = sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
+        data = sheet_text(data, file) if file.lower().endswith(".xlsx") else text_in(data, file)
     text = _uncommented(data)
     delimiter = sniff_delimiter(text, is_column)
     records = list(read_records(text, delimiter, file, findings))
@@ -186,6 +186,13 @@ def records_of(
         (each, remedy), got = needed, "only one row" if records else "no row"
         raise InputError([*findings, Problem(file, got, f"a header and a row for each {each}", remedy)])
     return file, delimiter, records
+
+
+def text_in(data: bytes, file: str, *, by_instrument: bool = False) -> str:
+    """Return the text of a table, see `decode`, or a robot's or a phone's file as such a text."""
+    from ident.measure.robot_logs import is_binary_log, text_of
+
+    return text_of(data, file)[0] if is_binary_log(data) else decode(data, file, by_instrument=by_instrument)
 
 
 def _uncommented(text: str) -> str:

@@ -19,8 +19,9 @@ from ident.measure.table import (
     misfit,
     parse_number,
     records_of,
+    text_in,
 )
-from ident.text import decode, one_line, quoted
+from ident.text import one_line, quoted
 from ident.units import si_factor
 
 TIME = "time"
@@ -33,7 +34,7 @@ _FREQUENCY = re.compile(r"freq(?:s|uency|uencies)?\.?\s*(?:[\[(](?P<unit>[^\])]*
 def read(path: Path, data: bytes) -> Contents:
     """Return the columns of a CSV file: samples over `time [s]`, or frequency responses over `frequency [Hz]`."""
     findings = Findings()
-    text = decode(data, one_line(str(path)), by_instrument=True)
+    text = text_in(data, one_line(str(path)), by_instrument=True)
     file, delimiter, records = records_of(text, path, lambda name: True, findings)
     if not findings and records and {_name(cell) for cell in records[0][1]} >= MODE:
         return (), modes(records, delimiter), {}
