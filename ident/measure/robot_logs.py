@@ -170,9 +170,9 @@ def _row(message: Message, store: Any, where: str) -> Row:
         cells = {f"{axis} [m/s^2]": getattr(content.linear_acceleration, axis) for axis in "xyz"}
     if message.kind == JOINTS:
         fields = {unit: getattr(content, field).tolist() for field, unit in FIELDS.items()}
-        counts = {len(content.name), *filter(None, map(len, fields.values()))}
-        got = f"{len(content.name)} names for {max(counts)} values, or a name twice"
-        require(counts == {len({*content.name})}, where, got, "a value for each joint", "correct the driver")
+        counts, different = {len(content.name), *map(len, filter(None, fields.values()))}, len({*content.name})
+        got = f"names and values in numbers of {sorted(counts)}, {different} different names"
+        require(counts == {different}, where, got, "a name and a value for each joint", "correct the driver")
         named = enumerate(map(one_line, content.name))
         cells = {name + unit: values[i] for i, name in named for unit, values in fields.items() if values}
     numbers = {name: value for name, value in cells.items() if value == value}
