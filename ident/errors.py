@@ -112,6 +112,14 @@ def refuse(problems: Iterable[Problem]) -> None:
         raise InputError(problems)
 
 
+class NoChannelError(InputError):
+    """A sound file without any data for a test."""
+
+
+class LackingError(InputError):
+    """A file needs a package that is not installed; files of the same format need it too."""
+
+
 class ModelError(IdentError):
     """The model has no answer for these values, for example because the arm collapses."""
 

@@ -113,6 +113,9 @@ def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower().removeprefix("is ")
         remedy = which_file(path) if isinstance(error, FileNotFoundError) else "check the path and its permissions"
+        inside = islice(Path(path).glob("*"), FILES_MAX) if isinstance(error, IsADirectoryError) else ()
+        if bags := sorted(str(each) for each in inside if each.suffix in (".db3", ".mcap")):
+            remedy = f"this folder is a ROS 2 bag: name {one_line(bags[0])} in it"
         raise refusal(where, reason, expected, remedy) from None
 
 

@@ -37,6 +37,7 @@ ONLY_IN = {
     "dynesty": "inference/draws",
     "emcee": "inference",
     "jinja2": "report/page",
+    **dict.fromkeys(("lz4", "mcap", "rosbags", "zstandard"), "measure/robot_logs"),
     "matplotlib": ("report", "studies"),
     "nptdms": "measure/recordings",
     "optimistix": "inference/levenberg_marquardt",
@@ -127,20 +128,20 @@ def test_the_check_sees_imports():
 
 
 REACHES = {
-    "predict": 16_200,
-    "fit": 24_200,
-    "simulate": 20_500,
-    "sample": 27_300,
-    "modal": 20_400,
-    "sweep": 21_200,
-    "motion": 29_400,
-    "plan": 35_400,
-    "fleet": 29_400,
-    "source": 23_600,
-    "balance": 33_200,
-    "joint": 14_100,
-    "triage": 25_600,
-    "diagnose": 47_800,
+    "predict": 16_450,
+    "fit": 24_500,
+    "simulate": 20_800,
+    "sample": 27_550,
+    "modal": 20_700,
+    "sweep": 21_500,
+    "motion": 29_650,
+    "plan": 35_700,
+    "fleet": 29_700,
+    "source": 23_850,
+    "balance": 33_500,
+    "joint": 14_350,
+    "triage": 25_850,
+    "diagnose": 48_100,
 }
 """Lines of the modules that a study can reach, with its report, figure, page and files: no more, rather less.
 

@@ -96,9 +96,16 @@ def read_samples(
     Raises:
         InputError: not a text, numbers without a header, or too few rows.
     """
+    from ident.measure.robot_logs import is_binary_log, text_of
+
     file, remarks = one_line(str(path)), list[str]()
-    sheet = file.lower().endswith(".xlsx")
-    text = sheet_text(data, file) if sheet else decode(data, file, by_instrument=by_instrument)
+    if file.lower().endswith(".xlsx"):
+        text = sheet_text(data, file)
+    elif is_binary_log(data):
+        text, said = text_of(data, file)
+        remarks += said
+    else:
+        text = decode(data, file, by_instrument=by_instrument)
     text = _with_header_first(text, file, remarks)
     is_column = lambda cell: bool(CLOCK.fullmatch(cell) or split_header(cell)[1])  # noqa: E731
     file, delimiter, records = records_of(text, path, is_column, findings, *needed)

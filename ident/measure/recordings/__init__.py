@@ -6,8 +6,8 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from ident.errors import Problem, require
-from ident.measure.recordings.recording import Channel, LackingError, NoChannelError, Recording, Shape
+from ident.errors import LackingError, NoChannelError, Problem, require
+from ident.measure.recordings.recording import Channel, Recording, Shape
 from ident.measure.samples import NONE, Columns, split_header
 from ident.text import LARGEST_BINARY, LARGEST_SAMPLES, one_line, read_bytes
 
@@ -26,6 +26,7 @@ ENDINGS = {
     **dict.fromkeys((".uff", ".unv", ".uf", ".bunv"), "universal"),
     ".csv": "csv_columns",
     ".txt": "csv_columns",
+    **dict.fromkeys((".db3", ".mcap", ".zip"), "csv_columns"),
     ".mat": "matlab",
     **dict.fromkeys((".h5", ".hdf5", ".hdf"), "hdf5"),
     ".lvm": "labview",
@@ -43,7 +44,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: str | Path, columns: Columns = NONE) -> Recording:
-    """Read a recording from a file of a universal (UFF), CSV, MATLAB, LabVIEW (LVM, TDMS), WAV or HDF5 format.
+    """Read a recording of a universal (UFF), CSV, MATLAB, LabVIEW (LVM, TDMS), WAV, HDF5, ROS 2 or phyphox format.
 
     Numbers and units are those of the file; a channel table gives their meaning.
 
@@ -61,8 +62,8 @@ def read_recording(path: str | Path, columns: Columns = NONE) -> Recording:
     path = Path(path)
     file = one_line(str(path))
     expected, remedy = f"a recording, one of {', '.join(ENDINGS)}", "export it in one of these formats"
-    require(is_recording(path), file, f"the ending '{path.suffix}'", expected, remedy)
-    kind = ENDINGS[path.suffix.lower()]
+    require(is_recording(path) or path.is_dir(), file, f"the ending '{path.suffix}'", expected, remedy)
+    kind = ENDINGS.get(path.suffix.lower(), "")
     data = read_bytes(path, "a recording", LARGEST_SAMPLES if kind in TEXT else LARGEST_BINARY)
     require(data, file, "an empty file", "a recording", "export it again")
     module = importlib.import_module(f"ident.measure.recordings.{kind}")

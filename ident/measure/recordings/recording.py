@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import InputError, LackingError, Problem, refusal
 from ident.measure.recordings.sampling import even_step
 from ident.text import by_key, one_line, quoted
 from ident.units import sensor_factor
@@ -163,10 +163,6 @@ def over(channel: Channel, unit: str, quantity: str, later: float = 0.0) -> Chan
     return replace(channel, step=channel.step and channel.step * factor, start=channel.start * factor + later)
 
 
-class NoChannelError(InputError):
-    """A sound file without any data for a test."""
-
-
 FORCE = "force"
 """Name of the force of frequency responses in a file without names; `force:2` for the second of several."""
 FREQUENCY = re.compile(r"(?:.*[./])?(?:f|f_?hz|hz|freqs?(?:_?hz)?|frequency(?:_?hz)?|frequencies)", re.IGNORECASE)
@@ -280,10 +276,6 @@ def quotient(unit: str) -> tuple[str, str]:
     above, _, below = (part.strip(" ()") for part in unit.rpartition("/"))
     is_force = below.lower().rstrip("s") in ("n", "kn", "mn", "lbf", "lb", "newton")
     return (above, below) if above and is_force else (unit, "")
-
-
-class LackingError(InputError):
-    """A file needs a package that is not installed; files of the same format need it too."""
 
 
 def lacking(path: Path, package: str) -> NoReturn:

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import Problem, refusal, require
-from ident.measure.recordings.recording import Channel, Contents, NoChannelError, Shape, damaged, over
+from ident.errors import NoChannelError, Problem, refusal, require
+from ident.measure.recordings.recording import Channel, Contents, Shape, damaged, over
 from ident.text import by_key, one_line, quoted
 
 KIND = "a universal file (UFF)"
