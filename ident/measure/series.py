@@ -22,6 +22,7 @@ from ident.measure.table import (
     parse_number,
 )
 from ident.text import by_key, quoted
+from ident.units import sensor_factor
 
 TIME = "time"
 """Name of the column that every such file has."""
@@ -134,8 +135,11 @@ def _known_by_alias(record: Record, rules: Sequence[Rule], faults: Findings, rem
     pairs = [name_and_unit(cell) for cell in cells]
     names = {name.lower() for name, _ in pairs}
     for rule in rules:
-        known = [i for i, (name, _) in enumerate(pairs) if rule.alias and re.fullmatch(rule.alias, name, re.IGNORECASE)]
-        if rule.name.lower() in names or not known:
+        if not rule.alias or rule.name.lower() in names:
+            continue
+        alike = [i for i, (name, _) in enumerate(pairs) if re.fullmatch(rule.alias, name, re.IGNORECASE)]
+        known = [i for i in alike if not pairs[i][1] or any(sensor_factor(pairs[i][1], q) for q in rule.quantities)]
+        if not known:
             continue
         first, words = known[0], " and ".join(quoted(pairs[i][0]) for i in known)
         if known[1:]:

@@ -23,8 +23,8 @@ DIRECTIONS = ("x", "y", "z")
 """Names of the columns: axes of the base frame."""
 KINDS = {"length": "displacement", "acceleration": "acceleration"}
 """What a trace may be of, by the quantity of its units."""
-ALIAS = r"(?:lin(?:ear)?[ _.]?)?acc(?:el(?:eration|erometer)?)?[ _.]?{0}|a_?{0}"
-"""What sensors call the acceleration along an axis."""
+ALIAS = r"(?:.*[^a-z])?(?:a|acc)?{0}"
+"""What sensors call their measurement along an axis: ax, accel_x, Beschleunigung x."""
 TRACE_ROWS_MIN = 16
 """Fewest rows of a trace."""
 

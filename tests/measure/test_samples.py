@@ -56,6 +56,7 @@ TRACES = {
     "phyphox": phyphox(",", "."),
     "phyphox-tab": phyphox("\t", "."),
     "phyphox-comma": phyphox(";", ","),
+    "phyphox-german": phyphox(";", ",", "Beschleunigung"),
     "phyphox-linear": phyphox(",", ".", "Linear Acceleration"),
     "slash": "t/s;a_x/(m/s^2);a_y/(m/s^2);a_z/(m/s^2)\n" + rows(NUMBER / RATE, X, Y, Z, delimiter=";"),
     "blanks": "time  x   y   z\ns  m/s^2  m/s^2  m/s^2\n" + rows(NUMBER / RATE, X, Y, Z, delimiter="   "),
