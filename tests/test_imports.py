@@ -134,9 +134,9 @@ REACHES = {
     "modal": 20_400,
     "sweep": 21_200,
     "motion": 29_400,
-    "plan": 35_400,
+    "plan": 26_000,
     "fleet": 29_400,
-    "source": 23_600,
+    "source": 23_900,
     "balance": 33_200,
     "joint": 14_100,
     "triage": 25_600,
@@ -144,9 +144,10 @@ REACHES = {
 }
 """Lines of the modules that a study can reach, with its report, figure, page and files: no more, rather less.
 
-Those that functions import, and those that are found by name, count.
+Those that functions import, and those that are found by name, count. Planned runs (`plan --runs`) are a part of
+`source`, which `plan` loads by its place.
 """
-BESIDE = ("", "_report", "_figure", "_page", "_files")
+BESIDE = ("", "_report", "_figure", "_page", "_files", "_plan")
 
 
 @pytest.mark.parametrize("study", REACHES)

@@ -13,7 +13,7 @@ COMPUTING = tuple(
     for name in (
         *("scenario", "look.exploration", "look.prediction", "look.arm_view", "look.arm_names", "look.example"),
         *("measuring.modal_campaign", "working.simulation", "working.spectra", "cause.source_study"),
-        *("stiffness.run_plan", "cure.balance_study", "cure.cures", "cure.design_study", "cure.diagnosis"),
+        *("cause.source_plan", "cure.balance_study", "cure.cures", "cure.design_study", "cure.diagnosis"),
         *("cure.motion_study", "cure.remedies"),
     )
 )

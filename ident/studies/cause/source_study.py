@@ -10,7 +10,6 @@ from jaxtyping import Complex, Float
 from scipy.stats import chi2
 
 from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.chain import Loads
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders, refuse_moments
 from ident.arm.plausibility import reach_of
 from ident.errors import InputError, placed, refusal
@@ -360,12 +359,6 @@ def with_notes(arm: Arm, table: Runs) -> Runs:
     return replace(table, notes=tuple(notes))
 
 
-def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
-    with placed(traces[0].row.where):
-        refuse_moments(loads := loads_of(arm, traces[0].row.load))
-    return loads
-
-
 def posed(
     arm: Arm, table: Runs, names: Sequence[str] = (), prior: Prior | None = None, *, offset: float
 ) -> SourceProblem:
@@ -389,7 +382,9 @@ def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: fl
     for number, name in enumerate(names):
         traces = _from_start(arm, table, table.of(name))
         motion = _motion(arm, table, traces)
-        runs.append(Run(name, motion, _loads(arm, traces), tuple(_sensor(arm, each) for each in traces)))
+        with placed(traces[0].row.where):
+            refuse_moments(loads := loads_of(arm, traces[0].row.load))
+        runs.append(Run(name, motion, loads, tuple(_sensor(arm, each) for each in traces)))
         for sensor, trace in enumerate(traces):
             channels.append(_channel(arm, trace, motion, number, sensor, offset))
     words = [table.of(name)[0].row.group or name for name in names]

@@ -25,16 +25,9 @@ def spectrum_sections(spectra: Spectra) -> Report:
         f"Amplitude spectra of {names}: {spectra.kind}, 0-peak, up to {spectra.upto:g} Hz",
         answer=tuple(_answer(spectra)),
         remark=spectra.remark,
-        next=_next(spectra),
+        next="ident resonance {arm}" if spectra.modes else "ident spectrum {trace} --arm ARM",
         details=tuple(_details(spectra)),
     )
-
-
-def _next(spectra: Spectra) -> str:
-    """Return the step that names the modes near the peaks, or else their excitation."""
-    if spectra.modes is None:
-        return "ident spectrum {trace} --arm ARM"
-    return "ident resonance {arm}"
 
 
 def _answer(spectra: Spectra) -> Iterator[Part]:
