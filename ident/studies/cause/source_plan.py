@@ -21,7 +21,8 @@ from ident.description.file import ArmFile
 from ident.errors import refusal
 from ident.measure.runs import Runs, planned_runs
 from ident.studies import module_of
-from ident.studies.cause.source_study import CLOCK, FURTHER, posed, unmeasured
+from ident.studies.cause.run_problem import CLOCK, posed, unmeasured
+from ident.studies.cause.source_study import FURTHER
 from ident.studies.options import Options
 from ident.studies.result import Result
 from ident.vibrate.motion import stroke

@@ -8,11 +8,12 @@ import numpy as np
 from ident.arm.multibody import IMBALANCE, ExcitingOrder
 from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, by_row, cut
 from ident.report.words import MM, counted
+from ident.studies.cause.trials import acting, tried_section
 from ident.vibrate.unit_response import unit_of
 
 if TYPE_CHECKING:
     from ident.studies.cause.source_plan import RunPlan
-    from ident.studies.cause.source_study import SourceStudy, Tried
+    from ident.studies.cause.source_study import SourceStudy
     from ident.vibrate.source_causes import Cause, Causes
     from ident.vibrate.source_identification import Estimate
 
@@ -267,28 +268,6 @@ def _cause_section(causes: "Causes") -> Section:
     )
     table = by_head(("Largest cause", *(f"{each}|.0f" for each in shares)), rows)
     return Section(f"What makes the peak at {causes.peak:g} Hz?", (text, *untested, table))
-
-
-def acting(tried: "Tried") -> str:
-    """Say how a mass acts: `as 1.02 of it, 60 deg further`."""
-    return f"as {abs(tried.factor):.2f} of it, {turned(tried.factor)}"
-
-
-def turned(factor: complex) -> str:
-    """Say by which angle a factor turns a mass: `60 deg further`."""
-    turn = float(np.degrees(np.angle(factor)))
-    return f"{abs(turn):.0f} deg {'further' if turn > 0 else 'back'}"
-
-
-def tried_section(every: "Iterable[Tried]") -> Section:
-    """Return the effects of masses that were added for runs."""
-    rows = []
-    for each in every:
-        at, turn, turn_sd = (float(np.degrees(x)) for x in (np.angle(each.stated), np.angle(each.factor), each.sd[1]))
-        acts = (abs(each.factor), each.sd[0], turn, turn_sd, each.chance)
-        rows.append((each.run, each.drive, 1e6 * abs(each.stated), at, *acts))
-    of_mass = "stated [g mm]|.0f", "at [deg]|.0f", "acts as|.3f", "error|.3f", "turned [deg]|+.1f", "error [deg]|.1f"
-    return Section("Masses that were added for runs", (by_head(("Run", "drive", *of_mass, "p that 1|.2g"), rows),))
 
 
 def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:

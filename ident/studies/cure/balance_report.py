@@ -8,7 +8,7 @@ import numpy as np
 from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, without_empty_columns
 from ident.report.words import MM, counted, some
 from ident.studies.basis import motion_section, subject
-from ident.studies.cause.source_report import acting, tried_section, turned
+from ident.studies.cause.trials import acting, tried_section, turned
 from ident.studies.cure.balance_study import RATE, grade
 
 if TYPE_CHECKING:

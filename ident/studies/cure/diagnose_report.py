@@ -335,14 +335,6 @@ def stiffness_line(identification: "Identification") -> str:
 def _stiffness(diagnosis: "Diagnosis") -> Iterator[Part]:
     identified = diagnosis.identification
     fit, withheld = identified.sampled.fitted, bool(identified.sampled.withheld)
-    rank, count = fit.information.fixed, len(fit.information.names)
-    yield (
-        f"{counted(len(fit.campaign), 'measurement')} determine {rank} of {count} combinations of the unknowns; "
-        f"{chi_squared_in_words(fit)}."
-    )
-    yield from (sentence(doubt.replace("see below", "see ident fit")) for doubt in fit.doubts)
-    if rank < count:
-        yield "The prior fills the others: what follows is no better than the prior."
     rows = []
     for name, ends in zip(fit.problem.parameters.names, identified.quantiles.T, strict=True):
         low, median, high = (short_power(f"{in_shown_unit(name, float(end))[0]:#.4g}") for end in ends)
@@ -383,9 +375,6 @@ def _trust(diagnosis: "Diagnosis") -> Iterator[Part]:
         f"Each of {len(validation.parts)} postures is predicted from the others: {validation.covered} of "
         f"{len(validation.z)} measurements lie in the 95 % interval of their prediction."
     )
-    yield f"Postures that were not measured are predicted {scope_words(validation)}."
-    if validation.missed:
-        yield f"Too far from the prediction: {', '.join(part.name for part in validation.missed)}."
     if diagnosis.beyond:
         joints = ", ".join(f"{name} {np.degrees(by):.0f} deg" for name, by in diagnosis.beyond.items())
         yield f"The motion turns {joints} beyond all measured postures."
@@ -427,15 +416,11 @@ def vibration_line(vibration: "VibrationAssessment") -> str:
 
 def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
     vibration, peak = diagnosis.vibration, diagnosis.vibration.peak
-    yield (
-        f"By the exact equations the end point vibrates by up to {MM * peak.max():.3g} mm ({'xyz'[int(peak.argmax())]})"
-        f"; the limit is {MM * vibration.limit:g} mm."
-    )
     if vibration.phases is not None:
         over = vibration.phases.peaks[int(vibration.phases.worst.argmax())]
         yield (
             f"The imbalance phases are unknown: over random phases the peak is {MM * over.min():.3g} to "
-            f"{MM * over.max():.3g} mm; {100 * CONFIDENT:g} % of them do not exceed the peak above."
+            f"{MM * over.max():.3g} mm; {100 * CONFIDENT:g} % of them do not exceed the peak below."
         )
         yield sentence(contribution_words(diagnosis))
     kept = f"{vibration.keeps.count} of {vibration.keeps.draws} draws of the posterior"
@@ -444,8 +429,6 @@ def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
     if vibration.owed_to_damping:
         share = percent(vibration.owed_to_damping)
         yield f"The uncertainty of the damping accounts for {share} of the variance of the vibration over these draws."
-    if vibration.accepted:
-        yield "Nothing needs to be changed."
     rows = tuple(
         (direction, MM * at, f"{MM * low:.3f} to {MM * high:.3f}")
         for direction, at, low, high in zip(

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ident.report.report import Cell, Part, Report, Section, Table, cut
+from ident.report.report import Cell, Part, Report, Section, Table, by_head, cut
 from ident.report.words import (
     TRACE_UNITS,
     counted,
@@ -75,20 +75,19 @@ def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
             rows.append((first, peak.frequency, factor * peak.amplitude, *mode))
         if not spectra.strongest(name, direction):
             rows.append((direction, None, None, "", ""))
-    head = ("", "frequency [Hz]", f"amplitude [{unit}]", "mode near it", "its range")
-    forms = ("", ".3f", "#.4g", "", "")
-    shown = len(head) if spectra.modes else 3
-    return Table(caption, head[:shown], tuple(row[:shown] for row in rows), forms[:shown])
+    heads = "", "frequency [Hz]|.3f", f"amplitude [{unit}]|#.4g", "mode near it", "its range"
+    shown = len(heads) if spectra.modes else 3
+    return by_head(heads[:shown], (row[:shown] for row in rows), caption)
 
 
 def _modes(modes: MarkedModes) -> Section:
-    rows = tuple((label, hertz(band, 4)) for label, band in modes.bands.items())
+    rows = ((label, hertz(band, 4)) for label, band in modes.bands.items())
     meaning = (
         "Names as at the end of the motion. A peak in z is named by a vertical mode if one is near, others by a "
         "lateral one; of several, by the one that is near for longest."
     )
     title = f"Natural frequencies of {cut(modes.arm, 40)}, {modes.load}, {where_marked(modes)}"
-    return Section(title, (Table("", ("mode", "frequency"), rows, note="" if modes.held else meaning),))
+    return Section(title, (by_head(("mode", "frequency"), rows, note="" if modes.held else meaning),))
 
 
 # -------- Rows
