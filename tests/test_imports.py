@@ -128,26 +128,27 @@ def test_the_check_sees_imports():
 
 
 REACHES = {
-    "predict": 16_450,
-    "fit": 24_500,
-    "simulate": 20_800,
-    "sample": 27_550,
-    "modal": 20_700,
-    "sweep": 21_500,
-    "motion": 29_650,
-    "plan": 35_700,
-    "fleet": 29_700,
-    "source": 23_850,
-    "balance": 33_500,
-    "joint": 14_350,
-    "triage": 25_850,
-    "diagnose": 48_100,
+    "predict": 16_200,
+    "fit": 24_200,
+    "simulate": 20_500,
+    "sample": 27_300,
+    "modal": 20_400,
+    "sweep": 21_200,
+    "motion": 24_600,
+    "plan": 26_000,
+    "fleet": 29_400,
+    "source": 22_300,
+    "balance": 27_600,
+    "joint": 14_100,
+    "triage": 23_900,
+    "diagnose": 47_200,
 }
 """Lines of the modules that a study can reach, with its report, figure, page and files: no more, rather less.
 
-Those that functions import, and those that are found by name, count.
+Those that functions import, and those that are found by name, count. Planned runs (`plan --runs`) are a part of
+`source`, which `plan` loads by its place.
 """
-BESIDE = ("", "_report", "_figure", "_page", "_files")
+BESIDE = ("", "_report", "_figure", "_page", "_files", "_plan")
 
 
 @pytest.mark.parametrize("study", REACHES)

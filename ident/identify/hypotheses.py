@@ -55,6 +55,7 @@ class Kind:
     Attributes:
         plausible: standard deviation of its amount before the data: of ln(factor), or of a share.
         of: reference quantity of the factor or share.
+        check: what to do about it.
         factor: whether it is a factor, exp(amount); else the amount is a share.
         positive: whether it cannot be negative.
         origin: source of the plausible amount.
@@ -62,29 +63,47 @@ class Kind:
 
     plausible: float
     of: str
+    check: str
     factor: bool = False
     positive: bool = False
     origin: str = ASSUMED
 
 
+FOOT, BENDING = "measure the foot's motion", "its joint's bending compliance"
 KINDS = {
-    "base rocks": Kind(0.2, "joint 1's bending compliance", positive=True),
-    "base turns": Kind(0.2, "joint 1's torsional compliance", positive=True),
-    "link bends": Kind(0.1, "its joint's bending compliance", positive=True, origin=DUMAS),
-    "link twists": Kind(0.1, "its joint's bending compliance", positive=True, origin=DUMAS),
-    "mass": Kind(0.1, "the link's mass, inertia with it", factor=True),
-    "mass centre": Kind(0.02, "the link's length"),
-    "servo gives": Kind(0.05, "its joint's torsional compliance", positive=True),
-    "payload": Kind(0.05, "the payload's mass", factor=True),
-    "length": Kind(0.01, "the link's length", factor=True),
-    "loads": Kind(0.02, "all masses, forces and moments that were hung on", factor=True),
-    "scale": Kind(0.02, "all values of a kind, as of a gauge", factor=True),
-    "clock": Kind(0.005, "all frequencies", factor=True),
-    "spring": Kind(0.1, "the torque at the largest load of all that were measured", positive=True),
+    "base rocks": Kind(0.2, "joint 1's bending compliance", FOOT, positive=True),
+    "base turns": Kind(0.2, "joint 1's torsional compliance", FOOT, positive=True),
+    "link bends": Kind(0.1, BENDING, "measure deflections along the link", positive=True, origin=DUMAS),
+    "link twists": Kind(0.1, BENDING, "measure rotations along the link", positive=True, origin=DUMAS),
+    "mass": Kind(0.1, "the link's mass, inertia with it", "weigh it", factor=True),
+    "mass centre": Kind(0.02, "the link's length", "balance it"),
+    "servo gives": Kind(
+        0.05, "its joint's torsional compliance", "compare twists with brakes and with servos on", positive=True
+    ),
+    "payload": Kind(0.05, "the payload's mass", "weigh it", factor=True),
+    "length": Kind(0.01, "the link's length", "measure it", factor=True),
+    "loads": Kind(
+        0.02, "all masses, forces and moments that were hung on", "check the load cell or the scales", factor=True
+    ),
+    "scale": Kind(0.02, "all values of a kind, as of a gauge", "check the calibration and the unit", factor=True),
+    "clock": Kind(0.005, "all frequencies", "check the sampling rate", factor=True),
+    "spring": Kind(
+        0.1,
+        "the torque at the largest load of all that were measured",
+        "measure deflections under several loads",
+        positive=True,
+    ),
 }
 """No published ratio of a base's stiffness to that of joint 1 is known: a base is assumed to be at least five times as
 stiff, the softest case in the study of detection rates (tests/benchmarks/README.md). The moment of `spring` grows with
 the cube of the angle: the secant rises by its share, the tangent by three times its share."""
+ENTRY_ERRORS = {
+    "value": "measure it again",
+    "exchange": "swap them, or check the mode shapes",
+    **dict.fromkeys(("on", "off"), "check the load"),
+    "soft base": "put a dial gauge on the foot; `--soft-base`",
+}
+"""What to do about an entry error, and about both compliances of a base together."""
 SOFT = ("base rocks", "base turns")
 RIGID = ("link bends", "link twists", "servo gives")
 """Kinds that no search frees: the score test of a fit estimates them (`fit.assumptions`)."""

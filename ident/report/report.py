@@ -90,10 +90,12 @@ def by_row(**columns: Any) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*cells, strict=True)]
 
 
-def by_head(heads: Iterable[str], rows: Iterable[Iterable[Any]], caption: str = "", note: str = "") -> Table:
+def by_head(
+    heads: Iterable[str], rows: Iterable[Iterable[Any]], caption: str = "", note: str = "", strong: tuple[int, ...] = ()
+) -> Table:
     """Return a table whose heads contain the number format after a bar: `frequency [Hz]|.3f`."""
     head, forms = zip(*(each.partition("|")[::2] for each in heads), strict=True)
-    return Table(caption, head, tuple(map(tuple, rows)), forms, note)
+    return Table(caption, head, tuple(map(tuple, rows)), forms, note, strong)
 
 
 Part = str | Table

@@ -26,5 +26,5 @@ STUDIES = tuple(name for name in MODULES if name not in UNSAVED)
 
 
 def module_of(study: str, part: str = "") -> ModuleType:
-    """Return the module of a study, or of its `_report` or `_figure`."""
+    """Return the module of a study, or of a part of it: `_report`, `_figure`, `_plan`."""
     return import_module(MODULES[study] + part)

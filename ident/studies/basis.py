@@ -1,7 +1,7 @@
 """The basis of a simulation in words: motion, fitted and set values, assumed numbers."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from ident.identify.values import Values
     from ident.studies.scenario import Basis
     from ident.vibrate.fast import Passage
+
+T = TypeVar("T")
 
 GUESSED = ("assumed", "calibrated")
 """Origins of numbers that were not measured: assumed, or tuned to a result."""
@@ -221,6 +223,21 @@ def _fields(basis: "Basis", names: Sequence[str]) -> dict[str, dict[str, None]]:
         part, _, field = path.partition(".")
         fields.setdefault(kinds[part], {})[field.replace("_", " ")] = None
     return fields
+
+
+# -------- Lines that coincide
+
+
+def alike(items: Iterable[T], are_alike: Callable[[T, T], bool]) -> list[list[T]]:
+    """Add each item to the first group whose first item is like it, or to a new group; the order stays."""
+    groups: list[list[T]] = []
+    for item in items:
+        same = next((group for group in groups if are_alike(group[0], item)), None)
+        if same is None:
+            groups.append([item])
+        else:
+            same.append(item)
+    return groups
 
 
 # -------- Springs

@@ -293,8 +293,6 @@ class Result(Reported):
     """The fields behind its figure, if they differ; empty without a figure."""
     listed: ClassVar[tuple[str, ...] | None] = None
     """The fields behind its table, if they differ."""
-    called: ClassVar[str] = ""
-    """Its name in function names of the report files, if it is not the only result of its study."""
     made_from: ClassVar[tuple[str, ...]]
     """Paths to its inputs, or to several by name; the name is the end of the path, or given by `path as name`."""
     summary: ClassVar[tuple[str, ...]] = ()
@@ -441,7 +439,7 @@ class Result(Reported):
         """Return a part of the result from a report or figure file: the report of a fit from `fit_sections`."""
         study = study_of(self.form)
         own = {"figure": self.drawn, "rows": self.listed}.get(what) or self.shown
-        show = getattr(module_of(study, part), f"{self.called or study}_{what}")
+        show = getattr(module_of(study, part), f"{study}_{what}")
         return show(*(attrgetter(name)(self) for name in own))
 
     def _beside(self, path: Path, suffix: str) -> Path:

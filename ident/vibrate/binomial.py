@@ -9,6 +9,8 @@ from scipy.stats import binomtest
 
 LEVEL = 0.95
 """Of the interval of a probability."""
+HALF_WIDTH = 1.96
+"""Half of a 95 % interval of a normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True)

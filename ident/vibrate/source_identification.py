@@ -25,10 +25,11 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from ident.arm.multibody import ExcitingOrder
+from ident.vibrate.binomial import HALF_WIDTH
 from ident.vibrate.source_problem import (
     CLOCK_SD,
+    LAGS,
     LARGEST,
-    LEVEL,
     STEP,
     TILT_SD,
     Channel,
@@ -41,8 +42,6 @@ from ident.vibrate.source_problem import (
 )
 from ident.vibrate.unit_response import Response, Run, excited_by
 
-LAGS = 20
-"""Order of the autoregressive model: 0.1 s at 200 samples a second, half a period of the lowest modes."""
 APART, THINNED = 5e-3, 4
 """Step [s] of the trial clock offsets before the search, a tenth of a period at 20 Hz; and the downsampling used there.
 """
@@ -259,7 +258,7 @@ class Estimate:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the amplitude."""
-        return max(0.0, self.amplitude - LEVEL * self.sd), self.amplitude + LEVEL * self.sd
+        return max(0.0, self.amplitude - HALF_WIDTH * self.sd), self.amplitude + HALF_WIDTH * self.sd
 
     @property
     def told(self) -> bool:
@@ -269,7 +268,7 @@ class Estimate:
 
 def least_told(sd: Float[np.ndarray, "*S"] | float) -> Float[np.ndarray, "*S"] | float:
     """Return the least determined amplitude at a standard deviation: half its 95 % interval is `WIDE` of it."""
-    return sd * LEVEL / WIDE
+    return sd * HALF_WIDTH / WIDE
 
 
 class Point(NamedTuple):

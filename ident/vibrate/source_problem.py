@@ -19,6 +19,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.fields import ALPHA, DAMPING, LOSS
 from ident.arm.multibody import ExcitingOrder
 from ident.errors import refusal
+from ident.vibrate.binomial import HALF_WIDTH
 from ident.vibrate.unit_response import Response, Run, Sensor, changed_responses, masses_of, unit_response
 
 SLOW = 0.5
@@ -31,12 +32,12 @@ CLOCK_SD = 1e-4
 """Standard deviation of a clock's relative rate; assumed, ten times that of a quartz."""
 TILT_SD = np.deg2rad(2.0)
 """Standard deviation of a sensor's direction [rad] each way; assumed."""
+LAGS = 20
+"""Order of the autoregressive model: 0.1 s at 200 samples a second, half a period of the lowest modes."""
 TIED = 1e-6
 """Least independent share of a variance, even where draws tie numbers together; otherwise no precision exists."""
 STIFFNESS_SD = 0.1
 """Standard deviation of ln(stiffness) where no posterior is given; assumed."""
-LEVEL = 1.96
-"""Half a 95 % interval, in standard deviations."""
 LARGEST = 1000.0
 """Standard deviation [units] of a source's parts a priori: a metre, or a thousand arc seconds."""
 
@@ -318,7 +319,7 @@ class SourceProblem:
     def priors(self) -> tuple[np.ndarray, np.ndarray]:
         """Prior precision (n, n) and mean (n,) of all unknowns; very wide for the sources."""
         _, _, *sizes = (part.size for part in self.start)
-        clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
+        clock = np.tile([self.offset / HALF_WIDTH, CLOCK_SD], len(self.runs))
         rest = np.append(clock, np.repeat([TILT_SD, self.calibration, LARGEST, LARGEST], sizes))
         precision = block_diag(np.linalg.inv(self.prior.covariance), np.diag(1 / rest**2))
         return precision, np.append(self.prior.mean, np.zeros(len(rest)))

@@ -10,8 +10,9 @@ import ident
 from ident.arm.multibody import possible_orders
 from ident.errors import InputError
 from ident.measure.runs import read_runs
+from ident.studies.cause.run_problem import posed, with_notes
 from ident.studies.cause.source_report import too_large
-from ident.studies.cause.source_study import moving_traces, posed, with_notes
+from ident.studies.cause.triage import moving_traces
 from ident.vibrate.source_identification import Estimate
 
 ARM = DATA / "lcd_arm" / "arm.toml"

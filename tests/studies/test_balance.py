@@ -25,7 +25,7 @@ from ident.errors import InputError
 from ident.identify.values import Values
 from ident.measure.runs import TrialMass
 from ident.report.report import text_of
-from ident.studies.cause.source_study import Tried
+from ident.studies.cause.trials import Tried
 from ident.studies.cure.balance_report import balance_rows, balance_sections
 from ident.studies.cure.balance_study import (
     Pulley,

@@ -19,6 +19,7 @@ from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.measure.runs import _clipped, read_runs, write_runs
 from ident.studies.basis import assumption_findings
+from ident.studies.cause import source_plan
 from ident.studies.cause import source_study as source
 from ident.studies.cause.source_study import _predicted, _refuse_late
 from ident.studies.cure.cures import cures
@@ -26,7 +27,6 @@ from ident.studies.cure.diagnose import Job
 from ident.studies.cure.diagnosis import ResonanceAssessment, stages_of
 from ident.studies.result import silent
 from ident.studies.saved import files_of
-from ident.studies.stiffness import run_plan
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_causes import WIDTH, Band
@@ -407,8 +407,8 @@ def test_triage_names_the_drive_without_anything_identified(folder, tmp_path):
 
 def test_planned_runs_say_what_they_would_tell(folder, result, tmp_path, monkeypatch):
     """The run that was measured above, planned: as sure as it was, within a factor of two, and told where it told."""
-    monkeypatch.setattr(run_plan, "FURTHER", (20.0,))
-    monkeypatch.setattr(run_plan, "PARTS", run_plan.PARTS[1:2])
+    monkeypatch.setattr(source_plan, "FURTHER", (20.0,))
+    monkeypatch.setattr(source_plan, "PARTS", source_plan.PARTS[1:2])
     (tmp_path / "planned.csv").write_text(
         "file,channel,direction,unit,speed [%],group\n" + "".join(f"a.csv,{w},{w},mm,12,a\n" for w in "yz")
     )
@@ -432,7 +432,7 @@ def test_an_accelerometer_s_noise_is_not_that_of_a_displacement(tmp_path, monkey
 
     No quick test plans a run with an accelerometer, nor one but over the folded half.
     """
-    monkeypatch.setattr(run_plan, "FURTHER", (14.0,))
+    monkeypatch.setattr(source_plan, "FURTHER", (14.0,))
     best = []
     for rows in ("a.csv,y,y,m,12,a\n", "a.csv,y,y,m,12,a\nb.csv,y,y,m/s^2,12,b\n"):
         (tmp_path / "planned.csv").write_text("file,channel,direction,unit,speed [%],group\n" + rows)

@@ -12,8 +12,16 @@ COMPUTING = tuple(
     f"studies.{name}"
     for name in (
         *("scenario", "look.exploration", "look.prediction", "look.arm_view", "look.arm_names", "look.example"),
-        *("measuring.modal_campaign", "working.simulation", "working.spectra", "cause.source_study"),
-        *("stiffness.run_plan", "cure.balance_study", "cure.cures", "cure.design_study", "cure.diagnosis"),
+        *("measuring.modal_campaign", "working.simulation", "working.spectra", "cause.trials"),
+        *("cause.run_problem", "cause.source_study"),
+        *(
+            "cause.source_plan",
+            "cause.trials",
+            "cure.balance_study",
+            "cure.cures",
+            "cure.design_study",
+            "cure.diagnosis",
+        ),
         *("cure.motion_study", "cure.remedies"),
     )
 )

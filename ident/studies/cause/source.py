@@ -6,14 +6,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
 from ident.studies.result import Progress, Result, alias, silent
-from ident.studies.shared import RunsOptions, as_file, with_numbers
+from ident.studies.shared import RunsOptions, with_numbers
 from ident.studies.values import drawn_values
-from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
@@ -22,8 +20,6 @@ if TYPE_CHECKING:
     from ident.studies.cause.source_study import SourceStudy
     from ident.studies.stiffness.sample import SampleResult
 
-ARM = "arm.toml"
-"""Default arm file, in the folder of the table of runs."""
 MOST_DRAWS = 4000
 """Draws of a posterior for its mean and covariance."""
 
@@ -125,29 +121,6 @@ class SourceResult(Result):
         return not self.study.found.settled
 
 
-def as_runs(runs: "Runs | str | Path", columns: "Mapping[str, str]") -> "Runs":
-    """Return a table of runs, read if it is a file; `columns` is as in `ident.read_trace`.
-
-    Raises:
-        InputError: an error in the table.
-    """
-    from ident.measure.runs import Runs, read_runs
-
-    return runs if isinstance(runs, Runs) else read_runs(runs, columns)
-
-
-def arm_beside(runs: "Runs", soft_base: float | None) -> "ArmFile":
-    """Return the arm of a table of runs, from the same folder.
-
-    Raises:
-        InputError: no such file, or an error in it.
-    """
-    path = Path(runs.path).parent / ARM
-    if not path.exists():
-        raise refusal(one_line(str(path)), "no such file", "the arm of these runs", "name it (`arm`)")
-    return as_file(path, soft_base)
-
-
 @study
 def source(
     runs: "Runs | str | Path",
@@ -170,7 +143,8 @@ def source(
         InputError: a file is wrong, or does not match the arm; runs without common time or with too few turns.
         ModelError: the arm collapses.
     """
-    from ident.studies.cause.source_study import studied, with_notes
+    from ident.studies.cause.run_problem import arm_beside, as_runs, with_notes
+    from ident.studies.cause.source_study import studied
 
     runs = as_runs(runs, options.columns)
     arm = arm or arm_beside(runs, options.soft_base)

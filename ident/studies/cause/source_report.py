@@ -1,4 +1,4 @@
-"""The report of the sources of a moving arm, and its table."""
+"""The report of the sources of a moving arm, and its table; those of planned runs."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.multibody import IMBALANCE, ExcitingOrder
-from ident.report.report import Finding, Report, Section, Table, Verdict, cut
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, by_row, cut
 from ident.report.words import MM, counted
+from ident.studies.cause.trials import acting, tried_section
 from ident.vibrate.unit_response import unit_of
 
 if TYPE_CHECKING:
-    from ident.studies.cause.source_study import SourceStudy, Tried
+    from ident.studies.cause.source_plan import RunPlan
+    from ident.studies.cause.source_study import SourceStudy
     from ident.vibrate.source_causes import Cause, Causes
     from ident.vibrate.source_identification import Estimate
 
@@ -90,11 +92,10 @@ def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...
 
 def estimates(study: "SourceStudy") -> Table:
     """Return the table of the sources."""
-    head = ("Source", "estimate", "std. error [%]", "95 % interval", "unit", "phase [deg]", "vibration [mm]")
+    heads = "Source", "estimate", "std. error [%]|.1f", "95 % interval", "unit", "phase [deg]|d", "vibration [mm]|.3f"
     pairs = zip(study.found.estimates, study.found.makes.tolist(), strict=True)
-    rows = tuple(_row(study, each, makes) for each, makes in pairs)
     note = "Transmission errors at the joint; phases at joint angle 0; vibration: largest peak in these runs."
-    return Table("", head, rows, ("", "", ".1f", "", "", "d", ".3f"), note)
+    return by_head(heads, (_row(study, each, makes) for each, makes in pairs), note=note)
 
 
 def source_findings(study: "SourceStudy") -> Iterator[Finding]:
@@ -176,8 +177,8 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         "Of imbalance: direction of the eccentric mass at joint angle 0, counted about the axis. Of transmission "
         "error: of its sine at joint angle 0. Runs of one group share them."
     )
-    head: tuple[str, ...] = ("Source", "group", "phase [deg]", "std. error [deg]")
-    yield Section("Phases", (meaning, Table("", head, tuple(phases), ("", "d", ".1f", ".1f"))))
+    heads: tuple[str, ...] = ("Source", "group|d", "phase [deg]|.1f", "std. error [deg]|.1f")
+    yield Section("Phases", (meaning, by_head(heads, phases)))
     tests = [
         (named(source), float(wide), None if np.isnan(chance) else float(chance))
         for source, wide, chance in zip(problem.sources, found.consistency, found.agreement, strict=True)
@@ -186,7 +187,7 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         "Variance ratio: how much single seconds differ, by how much noise explains; above 1 it widens the "
         "interval. p: probability that the runs differ so much by chance."
     )
-    table = Table("", ("Source", "variance ratio", "p between runs"), tuple(tests), ("", ".2f", ".2g"))
+    table = by_head(("Source", "variance ratio|.2f", "p between runs|.2g"), tests)
     yield Section("Does each source explain the vibration wherever it should?", (meaning, table))
     sd = np.sqrt(np.diag(found.covariance))[: len(place.changes)]
     before = np.sqrt(np.diag(problem.prior.covariance))
@@ -194,28 +195,27 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         (name, 100 * np.expm1(change), 100 * own, 100 * prior)
         for name, change, own, prior in zip(problem.prior.groups, place.changes, sd, before, strict=True)
     ]
-    head = ("Number", "change [%]", "std. error [%]", "before [%]")
-    yield Section("Stiffness and damping", (Table("", head, tuple(numbers), ("", "+.2f", ".2f", ".2f")),))
+    heads = "Number", "change [%]|+.2f", "std. error [%]|.2f", "before [%]|.2f"
+    yield Section("Stiffness and damping", (by_head(heads, numbers),))
     pairs = zip(problem.runs, place.clock, strict=True)
     clocks = [(run.name, 1e3 * offset, 1e6 * rate) for run, (offset, rate) in pairs]
-    table = Table("", ("Run", "clock offset [ms]", "clock rate [1e-6]"), tuple(clocks), ("", ".2f", ".0f"))
-    yield Section("Clocks", (table,))
+    yield Section("Clocks", (by_head(("Run", "clock offset [ms]|.2f", "clock rate [1e-6]|.0f"), clocks),))
     traces = [
         (channel.name, channel.rate, 100 * share, *np.degrees(tilt), 100 * (problem.factor(k, place) - 1))
         for k, (channel, share, tilt) in enumerate(zip(problem.channels, found.explained, place.tilt, strict=True))
     ]
-    head = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]", "calibration [%]")
-    yield Section("Traces", (Table("", head, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f", "+.2f")),))
+    tilts = "tilt [deg]|.2f", "tilt, other way [deg]|.2f"
+    heads = "Trace", "samples a second|.4g", "explained [%]|.1f", *tilts, "calibration [%]|+.2f"
+    yield Section("Traces", (by_head(heads, traces),))
 
     if study.causes:
         yield _cause_section(study.causes)
     if study.further:
-        head = ("Source", *(f"{speed:g} %" for speed in study.further))
         rows = [
             (named(each.source), *(100 * float(sd[k]) / each.amplitude for sd in study.further.values()))
             for k, each in enumerate(found.estimates)
         ]
-        table = Table("", head, tuple(rows), ("", *(".1f",) * len(study.further)))
+        table = by_head(("Source", *(f"{speed:g} %|.1f" for speed in study.further)), rows)
         yield Section("Std. error [%] of each amplitude with a further run, by its speed", (table,))
     if tried := study.tried():
         yield tried_section(tried)
@@ -224,8 +224,8 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         for each in study.held:
             sizes = float(np.abs(each.shown).max()), *np.quantile(each.peaks, (0.025, 0.975)).tolist()
             predicted.append((each.channel.name, 100 * each.explained, 100 * (each.ratio - 1), *sizes))
-        head = ("Trace", "predicted [%]", "rms [%]", "largest, measured", "2.5 %", "97.5 % of draws")
-        table = Table("", head, tuple(predicted), ("", ".1f", "+.1f", ".4g", ".4g", ".4g"))
+        sizes_of = "largest, measured|.4g", "2.5 %|.4g", "97.5 % of draws|.4g"
+        table = by_head(("Trace", "predicted [%]|.1f", "rms [%]|+.1f", *sizes_of), predicted)
         yield Section("Runs that were left out (SI; the measured ones with their noise)", (table,))
 
 
@@ -259,38 +259,15 @@ def _cause_section(causes: "Causes") -> Section:
         (said(each), *(100 * x for x in (each.share, each.explained, each.predicted, each.evidence, each.held_out)))
         for each in causes.causes
     ]
-    head = ("Largest cause", "own", "set explains", "set predicts", "p by evidence", "p by prediction")
+    shares = "own", "set explains", "set predicts", "p by evidence", "p by prediction"
     low, high = causes.band
     untested = [f"{CAUSES[kind]}: not tested, {why}." for kind, why in causes.untested.items()]
     text = (
         f"Shares [%] of the energy from {low:.3g} to {high:.3g} Hz, noise included, by a cause and by the best set of "
         "causes in which it is the largest; predicted: of blocks that were left out. p [%]: that it is the largest."
     )
-    table = Table("", head, tuple(rows), ("", *(".0f",) * 5))
+    table = by_head(("Largest cause", *(f"{each}|.0f" for each in shares)), rows)
     return Section(f"What makes the peak at {causes.peak:g} Hz?", (text, *untested, table))
-
-
-def acting(tried: "Tried") -> str:
-    """Say how a mass acts: `as 1.02 of it, 60 deg further`."""
-    return f"as {abs(tried.factor):.2f} of it, {turned(tried.factor)}"
-
-
-def turned(factor: complex) -> str:
-    """Say by which angle a factor turns a mass: `60 deg further`."""
-    turn = float(np.degrees(np.angle(factor)))
-    return f"{abs(turn):.0f} deg {'further' if turn > 0 else 'back'}"
-
-
-def tried_section(every: "Iterable[Tried]") -> Section:
-    """Return the effects of masses that were added for runs."""
-    rows = []
-    for each in every:
-        at, turn, turn_sd = (float(np.degrees(x)) for x in (np.angle(each.stated), np.angle(each.factor), each.sd[1]))
-        acts = (abs(each.factor), each.sd[0], turn, turn_sd, each.chance)
-        rows.append((each.run, each.drive, 1e6 * abs(each.stated), at, *acts))
-    head = ("Run", "drive", "stated [g mm]", "at [deg]", "acts as", "error", "turned [deg]", "error [deg]", "p that 1")
-    forms = ("", "", ".0f", ".0f", ".3f", ".3f", "+.1f", ".1f", ".2g")
-    return Section("Masses that were added for runs", (Table("", head, tuple(rows), forms),))
 
 
 def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:
@@ -302,3 +279,50 @@ def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:
         | {"phase_sd": each.phase_sd[0] if study.usable else np.nan, "told": each.told and study.usable}
         for each in study.found.estimates
     ]
+
+
+# -------- Planned runs
+# What they would determine, and the next run to record (`ident plan --runs`).
+
+
+def run_plan_sections(plan: "RunPlan") -> Report:
+    """Return what planned runs would determine, and which further run would add most."""
+    problem, count = plan.problem, len(plan.problem.sources)
+    what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
+    told, sized = len(plan.told), plan.sized
+    words = f"{told} of the {sized} sources that the arm's file has would be told"
+    words += f" (noise {100 * plan.noise:g} % of each trace's peak, assumed; errors of the model come on top)."
+    if told == sized:
+        verdict = Verdict("SUFFICIENT", words, "good")
+    else:
+        verdict = Verdict(f"PARTLY {told} OF {sized}" if told else "NOT SUFFICIENT", words, "caution")
+    rows = []
+    for k, source in enumerate(problem.sources):
+        size, unit = size_of(problem.masses, source)
+        own = float(plan.amplitude[k])
+        said = f"{size * own:.4g}" if own else "not given"
+        answer = ("yes" if own > plan.least[k] else "no") if own else "above least told"
+        rows.append((named(source), said, f"{size * plan.sd[k]:.3g}", f"{size * plan.least[k]:.3g}", unit, answer))
+    note = "Least told: a 95 % interval is half of the amplitude either way. Stiffness known to 10 % before (assumed)."
+    further = [
+        (f"{x.speed:g} %, {x.part}", f"{x.point} {x.direction}", x.gain, ", ".join(map(named, plan.also(x))) or None)
+        for x in plan.further
+    ]
+    heads = "Run", "sensor", "gain [nat]|.1f", "tells also"
+    first, every = (by_head(heads, own, "Further runs, one sensor each") for own in (further[:LISTED], further))
+    table = by_head(("Source", "in the file", "std. error", "least told", "unit", "told?"), rows, note=note)
+    return Report(
+        f"Planned runs of {cut(problem.arm.name, 40)}: {what} of {count} possible sources",
+        verdict,
+        (table, first) if further else (table,),
+        next="ident source {runs} --arm {arm}",
+        details=(Section("Further runs", (every,)),) if further else (),
+    )
+
+
+def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:
+    """Return a row for each source [SI]."""
+    sources, units = plan.problem.sources, np.array([unit_of(source) for source in plan.problem.sources])
+    what = {name: [getattr(source, name) for source in sources] for name in ("drive", "kind", "order")}
+    sizes = {"amplitude": plan.amplitude * units, "sd": plan.sd * units, "least": plan.least * units}
+    return by_row(**what, **sizes, told=[source in plan.told for source in sources])

@@ -1,27 +1,21 @@
 """From a table of runs to the sources of an arm, their certainty, and the prediction of other runs."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float
-from scipy.stats import chi2
+from jaxtyping import Float
 
 from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.chain import Loads
-from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders, refuse_moments
-from ident.arm.plausibility import reach_of
-from ident.errors import InputError, placed, refusal
-from ident.identify.binding import loads_of
-from ident.measure import Log, read_log
-from ident.measure.runs import RunRow, Runs, Trace
-from ident.vibrate.motion import Motion, beyond_limits, stroke
-from ident.vibrate.replay import replay
+from ident.arm.multibody import IMBALANCE, ExcitingOrder
+from ident.errors import InputError, refusal
+from ident.measure.runs import Runs
+from ident.studies.cause.run_problem import posed, problem_of
+from ident.studies.cause.trials import Tried
+from ident.vibrate.motion import stroke
 from ident.vibrate.source_causes import Causes, check_peak, compared
 from ident.vibrate.source_identification import (
-    LAGS,
     Identification,
     clock_offsets,
     explained,
@@ -30,21 +24,14 @@ from ident.vibrate.source_identification import (
     least_told,
     with_further,
 )
-from ident.vibrate.source_problem import CLOCK_SD, LEVEL, Channel, Prior, SourceProblem, Trial, slow_columns
-from ident.vibrate.triage import MovingTrace
-from ident.vibrate.unit_response import UNITS, Run, Sensor, masses_of
+from ident.vibrate.source_problem import Channel, Prior, slow_columns
+from ident.vibrate.unit_response import UNITS, Run
 
 RARE = 1e-3
 """Probability of a test below which runs contradict each other; assumed."""
-TURNS = 20.0
-"""Least number of turns of the fastest pulley common to a trace and its motion; assumed."""
-LONGEST_DWELL = 5.0
-"""Time [s] after arrival up to which a trace counts: the vibration has mostly decayed by then; assumed."""
 GAINS = (0.5, 1.5)
 """Range of the gain, the share of the computed vibration in the measured one; outside, the model is not that of the
 run. Noise alone does not shift the gain; assumed."""
-COMMON = 0.5
-"""Common share of a trace and of its motion below which a note is printed; assumed."""
 FARTHEST = 4.0
 """Prior standard deviations by which a stiffness, a damping, a clock's rate or a direction may shift; assumed."""
 MISSED = 0.2
@@ -53,27 +40,10 @@ RATES = np.linspace(-5e-3, 5e-3, 21)
 """Relative clock errors tried if a left-out run is not predicted; assumed."""
 LATEST = 1.0
 """Largest clock error [s] searched if the stated offset leads to no solution; assumed."""
-CLOCK = 0.05
-"""Clock error [s] if none is fitted; assumed."""
-LARGEST = 0.05
-"""Largest vibration of an arm, as a share of its reach; above it, suspect a wrong unit; assumed."""
-QUICKEST = 25.0
-"""Highest frequency [Hz] that drives excite, which bounds velocity and acceleration, too; assumed."""
 FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
 """Speeds [%] of the runs that are tried if some source is not determined; assumed."""
 TESTED = 100
 """Draws for the prediction of a run."""
-
-HEAVIEST = (0.01, 20.0, 0.05)
-"""Largest imbalance of a trial mass: in kg m, as a multiple of the drive's own, and as an eccentricity [m] of its
-eccentric mass; the largest of the three counts; assumed."""
-CONTRADICTED = 0.01
-"""Probability below which a trial mass does not act as stated, or trial masses contradict each other; assumed."""
-NEAR = 0.05
-"""Deviation of a trial mass's factor that counts as none: the correction would leave this share; assumed."""
-TOLD_WITHIN = 0.25
-"""Half width of a trial mass's 95 % region above which acting as stated verifies nothing: this share of the imbalance
-could remain; assumed."""
 
 
 @dataclass(frozen=True)
@@ -117,62 +87,6 @@ class Prediction:
     def ratio(self) -> float:
         """Ratio of predicted to measured root mean square."""
         return float(np.linalg.norm(self.computed) / np.linalg.norm(self.shown))
-
-
-@dataclass(frozen=True)
-class Tried:
-    """Effect of a mass that was added to a drive for a run: a trial mass, or a mounted correction.
-
-    Attributes:
-        run: its name.
-        drive: name of the drive.
-        stated: [kg m] its imbalance in the table of runs.
-        factor: of its effect: 1 if table and model are right.
-        draws: (D,) of the factor.
-    """
-
-    run: str
-    drive: str
-    stated: complex
-    factor: complex
-    draws: Complex[np.ndarray, "D"]
-
-    @property
-    def sd(self) -> tuple[float, float]:
-        """Standard deviation of the factor's magnitude [-], and of its angle [rad]."""
-        off = self.draws / self.factor
-        return float(abs(self.factor) * off.real.std()), float(off.imag.std())
-
-    @property
-    def chance(self) -> float:
-        """Probability of such a deviation of the factor from 1 by chance."""
-        off = np.array([self.factor.real - 1, self.factor.imag])
-        return float(chi2.sf(off @ np.linalg.solve(self._covariance, off), 2))
-
-    @cached_property
-    def _covariance(self) -> Float[np.ndarray, "2 2"]:
-        """Covariance of the factor's real and imaginary part; regular for two draws, too."""
-        return np.cov(self.draws.real, self.draws.imag, bias=True) + 1e-12 * np.eye(2)
-
-    @property
-    def spread(self) -> float:
-        """Largest standard deviation of the factor over all directions in the complex plane."""
-        return float(np.sqrt(np.linalg.eigvalsh(self._covariance)[-1]))
-
-    @property
-    def too_light(self) -> float:
-        """Factor by which it is too light to show within `TOLD_WITHIN` how it acts: the error falls with its mass."""
-        return self.spread * float(np.sqrt(chi2.isf(0.05, 2))) / TOLD_WITHIN
-
-    @property
-    def told(self) -> bool:
-        """Whether it is informative: it does not act as stated, or it does within `TOLD_WITHIN`."""
-        return self.chance <= CONTRADICTED or self.too_light < 1
-
-    @property
-    def right(self) -> bool:
-        """Whether it demonstrably acts as stated."""
-        return self.told and (abs(self.factor - 1) < NEAR or self.chance > CONTRADICTED)
 
 
 @dataclass(frozen=True)
@@ -297,7 +211,7 @@ def studied(
     prior = Prior.of(arm, draws)
     problem = replace(posed(arm, table, used, prior, offset=offset), calibration=calibration)
     for name in hold_out:
-        _posed(arm, table, [name], prior, offset)
+        problem_of(arm, table, [name], prior, offset)
     if peak is not None or teeth:
         check_peak(problem, peak, teeth or {})
     found = identified(problem, progress)
@@ -323,7 +237,7 @@ def _refuse_late(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offs
     """Refuse a run if a clock beyond the offset has less than half the residual of the best clock within it."""
     for name in names:
         try:
-            own = _posed(arm, table, [name], prior, LATEST)
+            own = problem_of(arm, table, [name], prior, LATEST)
         except InputError:  # too short for such a shift
             continue
         place = own.start._replace(changes=prior.mean)
@@ -338,167 +252,6 @@ def _late(name: str, clock: float, offset: float) -> InputError:
     return refusal(name, got, f"at most {1e3 * offset:.0f} ms", remedy)
 
 
-def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
-    """Return the traces of a table, each with its motion."""
-    problem = _posed(arm, table, table.names, Prior.of(arm, {}), CLOCK)
-    runs = [problem.runs[each.run] for each in problem.channels]
-    each = zip(problem.channels, runs, strict=True)
-    return [MovingTrace(own.time, own.values, run.motion, run.loads) for own, run in each]
-
-
-def with_notes(arm: Arm, table: Runs) -> Runs:
-    """Return runs with the repairs of their logs, and the traces that share little time with their motion."""
-    notes = list(table.notes)
-    for name in table.names:
-        traces = _from_start(arm, table, table.of(name))
-        row, motion, (start, end) = traces[0].row, _motion(arm, table, traces), traces[0].time[[0, -1]].tolist()
-        notes += _log(arm, table, row.path).notes if row.path else ()
-        common = min(end, float(motion.breaks[-1])) - max(start, 0.0)
-        if common < COMMON * max(end - start, motion.arrival):
-            got = f"{common:.3g} of its {end - start:.3g} s are within the motion, which takes {motion.arrival:.3g} s"
-            notes.append(f"{row.where}, {name}: {got}: check speed, path and delay")
-    return replace(table, notes=tuple(notes))
-
-
-def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
-    with placed(traces[0].row.where):
-        refuse_moments(loads := loads_of(arm, traces[0].row.load))
-    return loads
-
-
-def posed(
-    arm: Arm, table: Runs, names: Sequence[str] = (), prior: Prior | None = None, *, offset: float
-) -> SourceProblem:
-    """Return runs as a problem; all runs of the table if none are named.
-
-    Raises:
-        InputError: see `studied`; an arm that no drive excites.
-    """
-    used = list(names or table.names)
-    problem = _posed(arm, table, used, prior or Prior.of(arm, {}), offset)
-    for name in used:
-        _refuse_alone(table, name, used)
-    return problem
-
-
-def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> SourceProblem:
-    """Return runs as a problem."""
-    if not arm.drives:
-        raise refusal(arm.name, "no drive", "drives that excite the arm", "add its [[drive]]")
-    runs, channels = [], []
-    for number, name in enumerate(names):
-        traces = _from_start(arm, table, table.of(name))
-        motion = _motion(arm, table, traces)
-        runs.append(Run(name, motion, _loads(arm, traces), tuple(_sensor(arm, each) for each in traces)))
-        for sensor, trace in enumerate(traces):
-            channels.append(_channel(arm, trace, motion, number, sensor, offset))
-    words = [table.of(name)[0].row.group or name for name in names]
-    order = list(dict.fromkeys(words))
-    groups = tuple(order.index(word) for word in words)
-    sources, trials = tuple(possible_orders(arm)), list[Trial]()
-    for number, name in enumerate(names):
-        trials += _trials(arm, sources, number, table.of(name)[0].row)
-    return SourceProblem(arm, tuple(runs), groups, tuple(channels), sources, prior, offset, tuple(trials))
-
-
-def _trials(arm: Arm, sources: Sequence[ExcitingOrder], run: int, row: RunRow) -> Iterator[Trial]:
-    """Yield the effect of masses that were added for a run on the imbalance of each drive."""
-    masses = masses_of(arm, sources)
-    at = {each.drive: k for k, each in enumerate(sources) if each.kind == IMBALANCE}
-    if wrong := [each.drive for each in row.trial if each.drive not in at]:
-        raise refusal(row.where, wrong[0], f"one of {', '.join(at)}", "name a drive of the arm", "trial")
-    for drive in dict.fromkeys(each.drive for each in row.trial):
-        added = sum(each.imbalance for each in row.trial if each.drive == drive)
-        own = float(arm.get(f"{drive}.eccentric_mass")) * float(arm.get(f"{drive}.eccentricity"))
-        if abs(added) > (most := max(HEAVIEST[0], HEAVIEST[1] * own, HEAVIEST[2] * masses[drive])):
-            got, remedy = (
-                f"an imbalance of {1e6 * abs(added):.4g} g mm on {drive}",
-                "check the units of mass and radius",
-            )
-            raise refusal(row.where, got, f"at most {1e6 * most:.4g} g mm", remedy, "trial")
-        parts = added / (masses[drive] * UNITS[IMBALANCE])
-        yield Trial(run, at[drive], (parts.real, parts.imag))
-
-
-def _from_start(arm: Arm, table: Runs, traces: Sequence[Trace]) -> tuple[Trace, ...]:
-    """Return traces with times from the start of their motion; a log has the same clock."""
-    row = traces[0].row
-    first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
-    return tuple(replace(each, time=each.time - first) for each in traces)
-
-
-def unmeasured(arm: Arm, table: Runs, rate: float) -> Runs:
-    """Return a table of planned runs with traces of zeros, until a second after arrival.
-
-    Raises:
-        InputError: a run that the arm can't make.
-    """
-    traces = list[Trace]()
-    for trace in table.traces:
-        row = trace.row
-        first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
-        time = np.arange(0.0, _motion(arm, table, [trace]).arrival + 1.0, 1 / rate)
-        traces.append(replace(trace, time=first + time, values=np.zeros(len(time))))
-    return replace(table, traces=tuple(traces))
-
-
-def _log(arm: Arm, table: Runs, path: str) -> Log:
-    return read_log(table.files[path].path, [joint.name for joint in arm.driven], table.columns)
-
-
-def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
-    """Return the motion of the arm, with a dwell to the end of the trace."""
-    row = traces[0].row
-    if row.path:
-        log = _log(arm, table, row.path)
-        motion = replay(log.time, np.stack(list(log.angles.values())), name=row.path, arm=arm)
-        motion = motion if row.speed is None else motion.at_speed(row.speed)
-    elif arm.stroke is None:
-        remedy = "give a log of the joints in the column path"
-        raise refusal(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path")
-    else:
-        assert row.speed is not None  # the table has a speed where it has no path
-        with placed(row.where, "speed"):
-            motion = stroke(arm.stroke, percent=row.speed, retract=row.retract)
-    beyond_limits(arm, motion)
-    end = max(float(trace.time[-1]) for trace in traces)
-    return motion.dwell(min(max(0.0, end - motion.arrival), LONGEST_DWELL))
-
-
-def _sensor(arm: Arm, trace: Trace) -> Sensor:
-    row, names = trace.row, [point.name for point in arm.points]
-    if row.point and row.point not in names:
-        remedy = "add it to the arm file, or name another"
-        raise refusal(row.where, row.point, f"one of {', '.join(names)}", remedy, "point")
-    return Sensor(row.point or names[-1], row.direction, row.frame == "body", trace.derivative)
-
-
-def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offset: float) -> Channel:
-    """Return a trace within its motion for any clock error."""
-    margin = offset + 2 * float(trace.time[1] - trace.time[0]) + CLOCK_SD * LEVEL * float(motion.breaks[-1])
-    inside = (trace.time > float(motion.breaks[0]) + margin) & (trace.time < float(motion.breaks[-1]) - margin)
-    time = trace.time[inside]
-    ratios = {drive.joint: abs(float(drive.ratio)) for drive in arm.drives}
-    turns = 0.0
-    if len(time) > LAGS:
-        angles = np.asarray(motion(time)[0])
-        way = np.abs(np.diff(angles, axis=1)).sum(1) / (2 * np.pi)
-        turns = max(ratios.get(joint.name, 0.0) * w for joint, w in zip(arm.driven, way.tolist(), strict=True))
-    if turns < TURNS:
-        at = f" at speed {trace.row.speed:g} %" if trace.row.speed else ""
-        got = f"{turns:.3g} turns of the fastest pulley in common with the motion{at}"
-        remedy = "check delay, speed and path; or measure a longer motion"
-        raise refusal(trace.row.where, got, f"at least {TURNS:g}", remedy)
-    channel = Channel(f"{trace.row.file} {trace.row.channel}", run, sensor, time, trace.values[inside])
-    slow, unit = slow_columns(channel), ("m", "m/s", "m/s^2")[trace.derivative]
-    size = float(np.abs(channel.values - slow @ (slow.T @ channel.values)).max())
-    most = LARGEST * reach_of(arm) * (2 * np.pi * QUICKEST) ** trace.derivative
-    if size > most:
-        got, expected = f"a vibration of {size:.3g} {unit} in {channel.name}", f"at most {most:.3g} {unit}"
-        raise refusal(trace.row.where, got, f"{expected} of this arm", "check the unit", "unit")
-    return channel
-
-
 def _same_group(table: Runs, name: str, used: Sequence[str]) -> str:
     """Return a used run of the phase group of a left-out one: else its pulleys' phases are unknown."""
     row = table.of(name)[0].row
@@ -510,21 +263,11 @@ def _same_group(table: Runs, name: str, used: Sequence[str]) -> str:
     return same[0]
 
 
-def _refuse_alone(table: Runs, name: str, used: Sequence[str]) -> None:
-    """Refuse a trial mass whose group has no run without it: its effect is the difference of both."""
-    row = table.of(name)[0].row
-    others = [table.of(other)[0].row for other in used if row.group and table.of(other)[0].row.group == row.group]
-    for drive in {each.drive for each in row.trial}:
-        if all(drive in {each.drive for each in other.trial} for other in others):
-            expected = f"a run of the same group without a mass on {drive}"
-            raise refusal(row.where, "a trial mass alone", expected, "add one, name its group", "trial")
-
-
 def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str]) -> "list[Prediction]":
     """Return computed and measured channels of a left-out run, with only its clock fitted."""
     known = found.problem
     group = known.groups[list(used).index(_same_group(table, name, used))]
-    own = replace(_posed(known.arm, table, [name], known.prior, known.offset), calibration=known.calibration)
+    own = replace(problem_of(known.arm, table, [name], known.prior, known.offset), calibration=known.calibration)
     place = own.start._replace(changes=found.place.changes, parts=found.place.parts[group][None])
     if known.calibration:
         of_sensor = dict(zip(known.measuring, found.place.calibration[list(known.sensors)], strict=True))

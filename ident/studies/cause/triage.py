@@ -14,9 +14,10 @@ from ident.studies.shared import RunsOptions, with_numbers
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.measure.runs import Runs
-    from ident.vibrate.triage import Triage
+    from ident.vibrate.triage import MovingTrace, Triage
 
 
 MOST_ORDERS = 12
@@ -91,8 +92,7 @@ def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: Tri
         InputError: a file is wrong, or does not match the arm.
         ModelError: the arm collapses.
     """
-    from ident.studies.cause.source import arm_beside, as_runs
-    from ident.studies.cause.source_study import moving_traces, with_notes
+    from ident.studies.cause.run_problem import arm_beside, as_runs, with_notes
     from ident.vibrate.triage import triage as found
 
     runs = as_runs(runs, options.columns)
@@ -100,3 +100,15 @@ def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: Tri
     described = with_numbers(arm.arm, None, options.set)
     runs = with_notes(described, runs)
     return TriageResult(found(described, moving_traces(described, runs), orders=options.orders), runs, arm, options)
+
+
+def moving_traces(arm: "Arm", table: "Runs") -> "list[MovingTrace]":
+    """Return the traces of a table, each with its motion."""
+    from ident.studies.cause.run_problem import CLOCK, problem_of
+    from ident.vibrate.source_problem import Prior
+    from ident.vibrate.triage import MovingTrace
+
+    problem = problem_of(arm, table, table.names, Prior.of(arm, {}), CLOCK)
+    runs = [problem.runs[each.run] for each in problem.channels]
+    each = zip(problem.channels, runs, strict=True)
+    return [MovingTrace(own.time, own.values, run.motion, run.loads) for own, run in each]

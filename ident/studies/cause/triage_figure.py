@@ -53,10 +53,13 @@ def triage_figure(
             look: Style = {"linewidth": 2.2, "alpha": 1.0} if number in found else {"linewidth": 0.9, "alpha": 0.65}
             axes.plot(triage.time[trace], each.frequency[trace], **LOOK[each.kind], **look)
             _name(axes, triage, number, trace)
+    key = []
     for rank, finding in enumerate(triage.findings, start=1):
-        if finding.track is not None and finding.trace == trace:
-            _mark(axes, triage, finding, rank)
-    key_below(figure, list(_entries(triage)), "\n".join(_notes(triage, spectrogram)), columns=2)
+        if finding.track is not None:
+            key.append(Line2D([], [], label=f"{rank}: {_words(finding)}", linewidth=2.2, **LOOK[finding.kind]))
+            if finding.trace == trace:
+                _mark(axes, triage, finding, rank)
+    key_below(figure, key, "\n".join(_notes(triage, spectrogram)), columns=2)
     return figure
 
 
@@ -85,12 +88,6 @@ def _mark(axes: Axes, triage: "Triage", finding: "Finding", rank: int) -> None:
     low, high = axes.get_xlim()
     time = min(max(finding.time, low), high)
     note(axes, f"{rank}", (time, frequency), (0, 0), bbox=box, ha="center", va="center", color="black", zorder=6)
-
-
-def _entries(triage: "Triage") -> Iterator[Line2D]:
-    for rank, finding in enumerate(triage.findings, start=1):
-        if finding.track is not None:
-            yield Line2D([], [], label=f"{rank}: {_words(finding)}", linewidth=2.2, **LOOK[finding.kind])
 
 
 def _words(finding: "Finding") -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ident.report.report import Finding, Report, Section, Table, Verdict, cut
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut
 from ident.report.words import TRACE_UNITS, counted
 from ident.text import by_key
 
@@ -29,6 +29,8 @@ REMEDIES = {
 def triage_sections(triage: "Triage", runs: "Runs") -> Report:
     """Return the report on the causes of a vibration."""
     found = triage.findings
+    places = ((what(part), _trace(part, runs), part.time) for part in found)
+    strongest = by_head(("What it follows", "trace", "time [s]|.1f"), places)
     following = "ident source {runs} --arm {arm}" if any(part.next == "source" for part in found) else ""
     return Report(
         f"What vibrates in {counted(len(runs.traces), 'trace')} of {counted(len(runs.names), 'run')}",
@@ -36,7 +38,7 @@ def triage_sections(triage: "Triage", runs: "Runs") -> Report:
         (_parts(triage),) if found else (),
         tuple(_findings(triage, runs)),
         next=following,
-        details=(_strongest(triage, runs), _compared(triage)),
+        details=(Section("Where each part is strongest", (strongest,)), _compared(triage)),
     )
 
 
@@ -74,21 +76,14 @@ def _drive(part: "Part") -> str:
 
 
 def _parts(triage: "Triage") -> Table:
-    head = ("What it follows", "share [%]", "probability [%]", "frequency [Hz]", "amplified by")
-    rows: list[tuple[Any, ...]] = []
+    heads, rows = ("What it follows", "share [%]|.0f", "probability [%]|.0f", "frequency [Hz]", "amplified by"), []
     for part in triage.findings:
         low, high = (f"{end:.1f}" for end in part.frequency)
         frequency, modes = low if low == high else f"{low} .. {high}", ", ".join(part.modes)
         known = None if part.track is None else 100 * part.probability
         rows.append((what(part), 100 * part.share, known, frequency, modes if part.kind == "drive" else ""))
     note = "x 2: twice the frequency of that drive's pulley; drives whose frequencies coincide stand together."
-    return Table("", head, tuple(rows), ("", ".0f", ".0f", "", ""), note)
-
-
-def _strongest(triage: "Triage", runs: "Runs") -> Section:
-    rows = tuple((what(part), _trace(part, runs), part.time) for part in triage.findings)
-    head = ("What it follows", "trace", "time [s]")
-    return Section("Where each part is strongest", (Table("", head, rows, ("", "", ".1f")),))
+    return by_head(heads, rows, note=note)
 
 
 def _findings(triage: "Triage", runs: "Runs") -> Iterator[Finding]:

@@ -15,7 +15,7 @@ from ident.studies.reading import EACH
 from ident.studies.result import Result, alias, input_of
 from ident.studies.saved import files_of, load, reading
 from ident.studies.shared import as_file, as_log
-from ident.text import LARGEST_BINARY, did_you_mean, one_line, read_bytes
+from ident.text import LARGEST_BINARY, did_you_mean, one_line, read_bytes, study_of
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -179,14 +179,13 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
     """Return the arm of a result of `ident source`, the result, and the first of its draws."""
     from ident.arm.multibody import IMBALANCE
     from ident.identify.values import Values
-    from ident.studies.cause.source import SourceResult
     from ident.studies.result_values import UNSOUND, draws_of
 
     expected, remedy = "a result of ident source (.source.json)", "give the file that ident source wrote"
     path, sha256 = "", ""
-    if isinstance(source, SourceResult):
-        record: Any = source
-        arm, usable = source.arm_file, source.study.usable
+    record: Any = source
+    if isinstance(source, Result) and study_of(source.form) == "source":
+        arm, usable = record.arm_file, record.study.usable
     elif isinstance(source, str | Path):
         record = load(source)
         if record.study != "source" or not {"phases", "trials"} <= {*record.summary}:

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, without_empty_columns
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, without_empty_columns
 from ident.report.words import MM, counted, some
 from ident.studies.basis import motion_section, subject
-from ident.studies.cause.source_report import acting, tried_section, turned
+from ident.studies.cause.trials import acting, tried_section, turned
 from ident.studies.cure.balance_study import RATE, grade
 
 if TYPE_CHECKING:
@@ -93,14 +93,12 @@ def _rotors(balance: "Balance") -> Table:
         after = _grade(each.quality(left)) if state == "balance" else ""
         name, seen = each.drive.name, (_grade(each.quality(size)), after, MM * each.makes, state)
         rows.append((name, *(middle if each.told else (None,) * 4), *seen))
-    head = (
-        *("Rotor", "imbalance [g mm]", "+- [%]", "at [deg]", "+- [deg]"),
-        *("grade", "after", "makes [mm]", "correction"),
-    )
+    of_imbalance = "imbalance [g mm]|.0f", "+- [%]|.1f", "at [deg]|.0f", "+- [deg]|.1f"
     pulleys = [each.pulley for each in balance.rotors]
     masses = dict.fromkeys(f"rotor of {each.rotor:.3g} kg: {each.assumed}" for each in pulleys if each.assumed)
     note = f"Grades of ISO 21940-11 ({'; '.join(masses)})." if masses else ""
-    return Table("", head, tuple(rows), ("", ".0f", ".1f", ".0f", ".1f", "", "", ".3f", ""), note)
+    heads = "Rotor", *of_imbalance, "grade", "after", "makes [mm]|.3f", "correction"
+    return by_head(heads, rows, note=note)
 
 
 def _masses(balance: "Balance") -> Iterator[Table]:
@@ -111,7 +109,7 @@ def _masses(balance: "Balance") -> Iterator[Table]:
             hole, off = (f"{body.hole} of {holes}", "") if holes else ("any", turn)
             sizes = (1e3 * body.mass, 1e3 * sd, MM * each.pulley.radius, float(np.degrees(body.angle)))
             rows.append((each.drive.name, hole, *sizes, off))
-    head = ("Mount on", "hole", "mass [g]", "+- [g]", "radius [mm]", "angle [deg]", "+- [deg]")
+    sizes_of = "mass [g]|.1f", "+- [g]|.2f", "radius [mm]|.1f", "angle [deg]|.1f", "+- [deg]|.1f"
     other = [each.drive.name for each in balance.balanced if each.calibration.trials]
     note = (
         "Angles: joints at 0, from the x axis of the link before (y where the joint turns about x), counter-clockwise "
@@ -120,7 +118,7 @@ def _masses(balance: "Balance") -> Iterator[Table]:
         + "; +-: std. error."
     )
     if rows:
-        yield without_empty_columns(Table("", head, tuple(rows), ("", "", ".1f", ".2f", ".1f", ".1f", ".1f"), note))
+        yield without_empty_columns(by_head(("Mount on", "hole", *sizes_of), rows, note=note))
 
 
 def _findings(balance: "Balance") -> Iterator[Finding]:
@@ -175,30 +173,29 @@ def _acts(calibration: "Calibration") -> str:
 
 
 def _details(balance: "Balance") -> Iterator[Section]:
-    rows: list[tuple[Cell, ...]] = []
+    rows = []
     for each in balance.rotors:
         drive, left = each.drive, each.quality(float(np.quantile(np.abs(each.left), 0.95)))
         repeats = None if np.isnan(each.repeats) else float(np.degrees(each.repeats))
         own = (drive.name, float(drive.ratio), each.speed, each.quality(abs(each.found)), each.pulley.rotor)
         rows.append((*own, left, 1e9 * each.couple, repeats))
-    head = (
-        *("Rotor", "ratio", "at most [Hz]", "e omega [mm/s]", "rotor [kg]", "left, 95 % [mm/s]"),
-        *("couple left [g mm^2]", "phase sd [deg]"),
+    heads = (
+        *("Rotor", "ratio|g", "at most [Hz]|.2f", "e omega [mm/s]|.3g", "rotor [kg]|.3g", "left, 95 % [mm/s]|.3g"),
+        *("couple left [g mm^2]|.3g", "phase sd [deg]|.1f"),
     )
     meaning = (
         "Grades of ISO 21940-11 by eccentricity times angular speed, as one plane, at the motion's highest speed. "
         "Ratio: turns for one of the joint, negative where the rotor turns against it; with a joint 1 deg off 0, "
         "its mark is as many degrees away. The couple is in the prediction."
     )
-    forms = ("", "g", ".2f", ".3g", ".3g", ".3g", ".3g", ".1f")
-    yield Section("Rotors", (meaning, Table("", head, tuple(rows), forms)))
+    yield Section("Rotors", (meaning, by_head(heads, rows)))
     parts = [
         ("all", *(MM * np.median(balance.peaks, 1)), _left(balance.left)),
         ("imbalance", *(MM * np.median(balance.of_imbalance, 1)), _left(balance.imbalance_left)),
         ("transmission errors", MM * balance.errors, MM * balance.errors, ""),
         ("motion itself", MM * balance.own, MM * balance.own, ""),
     ]
-    made = Table("", ("Made by", "before [mm]", "after [mm]", "left"), tuple(parts), ("", ".3f", ".3f", ""))
+    made = by_head(("Made by", "before [mm]|.3f", "after [mm]|.3f", "left"), parts)
     yield Section("Peak of the vibration", (made,))
     if balance.tried:
         yield tried_section(balance.tried)

@@ -25,11 +25,11 @@ from scipy.stats import chi2
 from ident.arm.arm import Arm
 from ident.arm.multibody import possible_orders
 from ident.arm.parts import Drive
-from ident.studies.cause.source_study import CONTRADICTED, NEAR, Tried
+from ident.studies.cause.trials import CONTRADICTED, NEAR, Tried
 from ident.studies.scenario import Basis
+from ident.vibrate.binomial import HALF_WIDTH
 from ident.vibrate.fast import FastMethod, numbers_of, refuse_collapse, vibrations
 from ident.vibrate.simulate import fast_method
-from ident.vibrate.source_problem import LEVEL
 
 RATE = 200.0
 """Sampling rate [Hz]: between two samples of an 8 Hz vibration, at most 0.8 % of its peak is missed."""
@@ -251,7 +251,7 @@ class Rotor:
     @property
     def most(self) -> float:
         """Share of the whole vibration's peak from this imbalance; its upper limit if not determined."""
-        return self.share * (1.0 if self.told else 1 + LEVEL * self.sd)
+        return self.share * (1.0 if self.told else 1 + HALF_WIDTH * self.sd)
 
     @property
     def state(self) -> str:

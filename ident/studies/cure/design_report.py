@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.files import replace_file
-from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power
+from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, by_head, cut, short_power
 from ident.report.words import MM, counted, in_shown_unit, unit_of, value_in_words
 from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.studies.cure.design_study import DesignStudy, bound_of, keeps, same, unchanged
@@ -181,8 +181,7 @@ def _changes(study: DesignStudy, design: Design) -> Table:
             after, _ = in_shown_unit(path, design.best.values[path])
             own = (change_in_words(variable, change), bounds) if k == 0 else ("the same", "")
             rows.append((path, before, after, unit, *own))
-    head = ("Changed number", "from", "to", "unit", "change", "allowed")
-    return Table("", head, tuple(rows), ("", ".4g", ".4g", "", "", ""))
+    return by_head(("Changed number", "from|.4g", "to|.4g", "unit", "change", "allowed"), rows)
 
 
 def _effect(study: DesignStudy, design: Design) -> Table:
@@ -269,17 +268,17 @@ def _verification(study: DesignStudy, design: Design) -> Iterator[Section]:
         (name, *(part for pair in zip(map(mm, check.amplitude), check.difference, strict=True) for part in pair))
         for name, check in checks.items()
     ]
-    head = ("arm", *(part for d in DIRECTIONS for part in (f"{d} [mm]", f"fast method in {d}")))
+    heads = "arm", *(part for d in DIRECTIONS for part in (f"{d} [mm]", f"fast method in {d}|+z.2%"))
     note = "fast method: its difference from the exact equations, as a share of the largest direction's amplitude."
-    parts: list[str | Table] = [Table("", head, tuple(rows), ("", *("", "+z.2%") * len(DIRECTIONS)), note)]
+    parts: list[str | Table] = [by_head(heads, rows, note=note)]
     estimates = {name: check.exceedance for name, check in checks.items()}
     if design.limit is not None and study.basis.posterior:
         limit = f"{MM * design.limit:g} mm"
         counts = [(name, each.share, *each.interval, each.draws) for name, each in estimates.items() if each]
         caption = f"Probability of exceeding {limit}, by draws that the search has not used"
-        heads = ("arm", "probability", "95 % interval from", "to", "draws")
+        heads = "arm", "probability|.1%", "95 % interval from|.1%", "to|.1%", "draws|d"
         none = "No fresh draws: the search has used all of the posterior's. Give fewer --draws."
-        parts.append(Table(caption, heads, tuple(counts), ("", ".1%", ".1%", ".1%", "d")) if counts else none)
+        parts.append(by_head(heads, counts, caption) if counts else none)
     yield Section("Verification by the exact equations of motion", tuple(parts))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 from ident.errors import InputError, refusal
-from ident.studies.cause.source import MOST_DRAWS, SourceOptions, as_runs
+from ident.studies.cause.source import MOST_DRAWS, SourceOptions
 from ident.studies.cure.balance import BalanceOptions, pulley_of
 from ident.studies.cure.effort import DiagnosisEffort
 from ident.studies.door import DEFAULT, study
@@ -394,7 +394,7 @@ def diagnose(
     from ident.codec import Store
     from ident.files import claimed
     from ident.identify.binding import loads_of
-    from ident.studies.cause.source_study import posed, with_notes
+    from ident.studies.cause.run_problem import as_runs, posed, with_notes
     from ident.vibrate.simulate import refuse_jumps
 
     folder = None if folder is None else Path(folder)

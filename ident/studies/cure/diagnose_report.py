@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arm.multibody import IMBALANCE, exciting_orders
 from ident.inference.information import chi_squared_in_words
-from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, short_power
+from ident.report.report import Finding, Part, Report, Section, Table, Verdict, by_head, short_power
 from ident.report.words import (
     MM,
     arc_seconds,
@@ -335,14 +335,6 @@ def stiffness_line(identification: "Identification") -> str:
 def _stiffness(diagnosis: "Diagnosis") -> Iterator[Part]:
     identified = diagnosis.identification
     fit, withheld = identified.sampled.fitted, bool(identified.sampled.withheld)
-    rank, count = fit.information.fixed, len(fit.information.names)
-    yield (
-        f"{counted(len(fit.campaign), 'measurement')} determine {rank} of {count} combinations of the unknowns; "
-        f"{chi_squared_in_words(fit)}."
-    )
-    yield from (sentence(doubt.replace("see below", "see ident fit")) for doubt in fit.doubts)
-    if rank < count:
-        yield "The prior fills the others: what follows is no better than the prior."
     rows = []
     for name, ends in zip(fit.problem.parameters.names, identified.quantiles.T, strict=True):
         low, median, high = (short_power(f"{in_shown_unit(name, float(end))[0]:#.4g}") for end in ends)
@@ -383,9 +375,6 @@ def _trust(diagnosis: "Diagnosis") -> Iterator[Part]:
         f"Each of {len(validation.parts)} postures is predicted from the others: {validation.covered} of "
         f"{len(validation.z)} measurements lie in the 95 % interval of their prediction."
     )
-    yield f"Postures that were not measured are predicted {scope_words(validation)}."
-    if validation.missed:
-        yield f"Too far from the prediction: {', '.join(part.name for part in validation.missed)}."
     if diagnosis.beyond:
         joints = ", ".join(f"{name} {np.degrees(by):.0f} deg" for name, by in diagnosis.beyond.items())
         yield f"The motion turns {joints} beyond all measured postures."
@@ -427,15 +416,11 @@ def vibration_line(vibration: "VibrationAssessment") -> str:
 
 def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
     vibration, peak = diagnosis.vibration, diagnosis.vibration.peak
-    yield (
-        f"By the exact equations the end point vibrates by up to {MM * peak.max():.3g} mm ({'xyz'[int(peak.argmax())]})"
-        f"; the limit is {MM * vibration.limit:g} mm."
-    )
     if vibration.phases is not None:
         over = vibration.phases.peaks[int(vibration.phases.worst.argmax())]
         yield (
             f"The imbalance phases are unknown: over random phases the peak is {MM * over.min():.3g} to "
-            f"{MM * over.max():.3g} mm; {100 * CONFIDENT:g} % of them do not exceed the peak above."
+            f"{MM * over.max():.3g} mm; {100 * CONFIDENT:g} % of them do not exceed the peak below."
         )
         yield sentence(contribution_words(diagnosis))
     kept = f"{vibration.keeps.count} of {vibration.keeps.draws} draws of the posterior"
@@ -444,8 +429,6 @@ def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
     if vibration.owed_to_damping:
         share = percent(vibration.owed_to_damping)
         yield f"The uncertainty of the damping accounts for {share} of the variance of the vibration over these draws."
-    if vibration.accepted:
-        yield "Nothing needs to be changed."
     rows = tuple(
         (direction, MM * at, f"{MM * low:.3f} to {MM * high:.3f}")
         for direction, at, low, high in zip(
@@ -456,8 +439,7 @@ def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
     if vibration.phases is not None:
         exceed = f"{100 * CONFIDENT:g} % of all phases do not exceed."
         note += f" Each draw has random phases; the exact peak has phases that {exceed}"
-    head = ("direction", "exact", "5 to 95 % of the draws")
-    yield Table("Largest vibration [mm]", head, rows, ("", ".3f", ""), note)
+    yield by_head(("direction", "exact|.3f", "5 to 95 % of the draws"), rows, "Largest vibration [mm]", note)
 
 
 def contribution_words(diagnosis: "Diagnosis") -> str:
@@ -522,17 +504,14 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
     for rank, each in enumerate(diagnosis.remedies, 1):
         numbers = f"{100 * each.keeps.share:.3g} %", each.frequency, MM * each.deflection, each.change_norm
         rows.append((str(rank), change_words(each), each.effort, MM * each.largest, *numbers))
-    head = (
-        *("rank", "change", "effort", "vibration [mm]"),
-        *("keeps limit", "first mode [Hz]", "deflection [mm]", "size [-]"),
-    )
+    effects = "vibration [mm]|.3f", "keeps limit", "first mode [Hz]|.2f", "deflection [mm]|.1f", "size [-]|.2f"
     note = (
         "Ranking: what keeps the limit first (software, screwdriver, new part, two of them; the quickest and smallest "
         "change of each), then what vibrates least. Size: change relative to the largest allowed; of time, in powers "
         "of two. First mode and deflection are side effects, the worse of both ends of the motion."
     )
     strong = tuple(i for i, remedy in enumerate(diagnosis.remedies) if remedy.meets_limit)
-    yield Table("Remedies", head, tuple(rows), ("", "", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
+    yield by_head(("rank", "change", "effort", *effects), rows, "Remedies", note, strong)
 
 
 def verification_line(advised: Remedy, verified: "Verification") -> str:
@@ -557,26 +536,26 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
     note = f"Probability: 95 % interval; {100 * CONFIDENT:g} % is required of the draws."
     if len(verifications) > 1:
         note += " All were verified with the same draws, so the draws have had a part in choosing among them."
-    head = ("change", "exact [mm]", "limit", "kept by draws", "probability")
-    yield Table("Verified remedies", head, tuple(rows), note=note)
+    heads = "change", "exact [mm]", "limit", "kept by draws", "probability"
+    yield by_head(heads, rows, "Verified remedies", note)
     title = "What to change" if verified.holds else "What the first of them changes"
     if remedy.schedule:
         stroke = None if diagnosis.task.basis.log else diagnosis.task.basis.arm.stroke
-        columns = [np.degrees(remedy.schedule.places), np.degrees(remedy.schedule.speeds)]
-        columns += [100 * remedy.schedule.speeds / float(stroke.speed)] if stroke else []
-        names, forms = ("alpha [deg]", "speed [deg/s]", "of full speed [%]"), (".1f", ".2f", ".2f")
-        places, shown = tuple(map(tuple, np.stack(columns, 1).tolist())), len(columns)
+        columns = {"alpha [deg]|.1f": np.degrees(remedy.schedule.places)}
+        columns["speed [deg/s]|.2f"] = np.degrees(remedy.schedule.speeds)
+        if stroke:
+            columns["of full speed [%]|.2f"] = 100 * remedy.schedule.speeds / float(stroke.speed)
         alpha = "alpha" if stroke else "alpha, the length of the path in the space of the joint angles,"
         note = f"Between these places {alpha} accelerates evenly; the arrival is after {remedy.time:.2f} s."
-        yield Table(f"{title}: speed along the path", names[:shown], places, forms[:shown], note)
-    changes: list[tuple[Cell, ...]] = []
+        yield by_head(columns, np.stack([*columns.values()], 1).tolist(), f"{title}: speed along the path", note)
+    changes = []
     for path, value in remedy.values.items():
         now, unit = in_shown_unit(path, remedy.before[path])
         moved = f"{MM * (value - remedy.before[path]):+.1f} mm"
         change = moved if is_shifted(path) else f"x {value / remedy.before[path]:.3f}"
         changes.append((path, now, in_shown_unit(path, value)[0], change, unit))
     if changes:
-        yield Table(title, ("number", "now", "after", "change", "unit"), tuple(changes), ("", ".4g", ".4g", "", ""))
+        yield by_head(("number", "now|.4g", "after|.4g", "change", "unit"), changes, title)
 
 
 _DETAILS: Mapping[str, tuple[str, Callable[["Diagnosis"], Iterator[Part]]]] = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.files import replace_file
 from ident.measure.table import csv_text, guarded
-from ident.report.report import Finding, Report, Section, Table, Verdict
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head
 from ident.report.words import MM, counted
 from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.studies.cure.motion_study import LIMITS, TOUCHED, Candidate
@@ -70,14 +70,12 @@ def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Ta
         sizes = (MM * median, MM * high, MM * each.worst, MM * each.left)
         name, added = each.name + " *" * bool(each.beyond), round(each.time, 1) - round(now.time, 1)
         rows.append((name, each.time, added, *sizes, 100 * keeps.share, np.degrees(each.acceleration)))
-    head = (
-        *("Motion", "time [s]", "added [s]", "vibration, median [mm]", "95 % [mm]", "worst phases [mm]"),
-        *("after arrival [mm]", "keeps limit [%]", "joint acceleration [deg/s^2]"),
-    )
+    of_sizes = "vibration, median [mm]|.2f", "95 % [mm]|.2f", "worst phases [mm]|.2f", "after arrival [mm]|.2f"
+    heads = "time [s]|.1f", "added [s]|+.1f", *of_sizes, "keeps limit [%]|.0f", "joint acceleration [deg/s^2]|.0f"
     strong = tuple(k for k, each in enumerate(candidates) if each is best)
     beyond = [name for name in LIMITS if any(name in each.beyond for each in candidates)]
     note = f"* beyond the arm file's limit of {' and '.join(beyond)}: not recommended." if beyond else ""
-    return Table("", head, tuple(rows), ("", ".1f", "+.1f", *(".2f",) * 4, ".0f", ".0f"), note, strong)
+    return by_head(("Motion", *heads), rows, "", note, strong)
 
 
 def _findings(motions: "MotionStudy") -> Iterator[Finding]:
@@ -119,13 +117,13 @@ def _details(motions: "MotionStudy") -> Iterator[Section]:
     segments = zip(places[:-1], places[1:], speeds[:-1], speeds[1:], accelerations, strict=True)
     rows = [(number, *segment) for number, segment in enumerate(segments, 1)]
     of_alpha = ", the length of the path in the space of the joint angles" if basis.log else ""
-    head = ("Segment", "alpha from [deg]", "to [deg]", "speed from [%]", "to [%]", "acceleration [deg/s^2]")
+    ends = "alpha from [deg]|.1f", "to [deg]|.1f", "speed from [%]|.2f", "to [%]|.2f"
     windows = " and ".join(f"{window:.3f} s" for window in schedule.windows)
     note = (
         f"Percent of full speed, {full:.4g} deg/s of alpha{of_alpha}, with an even acceleration in each segment; "
         f"then the mean over {windows}, the periods of the two lowest modes at the arrival."
     )
-    table = Table("", head, tuple(rows), ("d", ".1f", ".1f", ".2f", ".2f", ".1f"))
+    table = by_head(("Segment|d", *ends, "acceleration [deg/s^2]|.1f"), rows)
     slowest, least = np.degrees(allowed.speed.min()), np.degrees(allowed.acceleration.min())
     limits = f"Limits of alpha: {slowest:.4g} deg/s at the slowest place, {least:.4g} deg/s^2."
     yield Section("Speed along the path", (note, table, limits))

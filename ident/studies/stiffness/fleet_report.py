@@ -8,7 +8,7 @@ import numpy as np
 from ident.identify.fleet import FEWEST, Fleet, Robot
 from ident.inference.information import p_in_words
 from ident.inference.population import FALSE_ALARM, LARGEST_K, LEAST_EFFECTIVE, Population
-from ident.report.report import Finding, Report, Section, Table, Verdict, cut, without_empty_columns
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut, without_empty_columns
 from ident.report.words import counted, in_shown_unit, percent, sentence, some, span, unit_of
 from ident.studies.stiffness.compare_report import ratio_words, stiffness_words
 from ident.text import as_word
@@ -186,8 +186,8 @@ def population_table(fleet: Fleet, population: Population) -> Table:
         wide = "wide" if np.median(population.sd[:, i]) > BOUND else ""
         rows.append((name, middle, span(low, high), spread, f"{least} to {most}", wide))
     unit = in_shown_unit(fleet.names[0], 1.0)[1]
-    head = (f"Population [{unit}]", "median", "95 % interval", "spread", "95 % interval", "")
-    return without_empty_columns(Table("", head, tuple(rows), ("", ".4g", "", "", "", "")))
+    heads = f"Population [{unit}]", "median|.4g", "95 % interval", "spread", "95 % interval", ""
+    return without_empty_columns(by_head(heads, rows))
 
 
 def against_median(population: Population, r: int) -> tuple[str, ...]:

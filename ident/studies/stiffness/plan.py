@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import refusal
-from ident.studies import reading
+from ident.studies import module_of, reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
 from ident.studies.result import Progress, Result, silent
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ident.identify.plan import CampaignPlan, PlanSettings
     from ident.measure import Campaign
     from ident.measure.runs import Runs
-    from ident.studies.stiffness.run_plan import RunPlan
+    from ident.studies.cause.source_plan import RunPlanResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,31 +160,6 @@ class PlanResult(Result):
         return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
 
 
-@dataclass(frozen=True, repr=False, eq=False)
-class RunPlanResult(Result):
-    """What planned runs of the moving arm would determine about its drives, and which further run would add most.
-
-    The table has a row for each source: amplitude in the arm file, standard deviation, least detectable amplitude [SI].
-    There is no figure.
-
-    Attributes:
-        arm: the arm as in its file.
-        plan: what the runs would determine.
-        runs: the table of runs.
-        options: the options of the call.
-    """
-
-    arm: "ArmFile"
-    plan: "RunPlan"
-    runs: "Runs"
-    options: PlanOptions = field(default_factory=PlanOptions)
-
-    form, called = PlanResult.form, "run_plan"
-    subject = "runs.name"
-    shown, drawn = ("plan",), ()
-    made_from = ("arm", "runs")
-
-
 @study
 def plan(
     arm: "ArmFile",
@@ -214,7 +189,12 @@ def plan(
     from ident.identify.plan import plan_campaign
 
     if runs is not None:
-        return _of_runs(arm, campaign, runs, options, progress)
+        if campaign is not None:
+            raise refusal("runs", f"the campaign {campaign.name} too", "one of them", "plan them one after the other")
+        planned: RunPlanResult = module_of("source", "_plan").planned(
+            arm, runs, options, noise=options.run_noise / 100, progress=progress
+        )
+        return planned
     settings = options.settings
     all_postures(arm.arm, settings.step, settings.seed)  # report a wrong step before the fit
     fitted = fit(arm, campaign, options, progress=progress).fit if campaign is not None else None
@@ -224,17 +204,3 @@ def plan(
     sought = {path: best[path] for item in made.sought for path in item.paths if path in arm.arm.paths()}
     hammer = hammer_plans(arm.arm.replace(sought), made.batch, *places) if options.sensors else ()
     return PlanResult(arm, made, hammer, options)
-
-
-def _of_runs(
-    arm: "ArmFile", campaign: "Campaign | None", runs: "Runs | str | Path", options: PlanOptions, progress: Progress
-) -> RunPlanResult:
-    """Plan runs of the moving arm."""
-    from ident.measure.runs import Runs, planned_runs
-    from ident.studies.stiffness.run_plan import planned
-
-    if campaign is not None:
-        raise refusal("runs", f"the campaign {campaign.name} too", "one of them", "plan them one after the other")
-    table = runs if isinstance(runs, Runs) else planned_runs(runs)
-    made = planned(arm.arm, table, noise=options.run_noise / 100, progress=progress("further runs"))
-    return RunPlanResult(arm, made, table, options)

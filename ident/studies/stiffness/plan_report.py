@@ -23,22 +23,17 @@ from ident.report.report import (
     Table,
     Verdict,
     by_head,
-    by_row,
     cut,
     kept,
     without_empty_columns,
 )
 from ident.report.words import counted, degrees, lowered, percent, scatter, unit_of
-from ident.studies.cause.source_report import LISTED as LISTED_RUNS
-from ident.studies.cause.source_report import named, size_of
 from ident.studies.stiffness.fit_report import why_no_interval
 from ident.studies.stiffness.warnings import drive_states
-from ident.vibrate.unit_response import unit_of as unit_of_source
 
 if TYPE_CHECKING:
     from ident.identify.plan import CampaignPlan
     from ident.inference.parameters import Parameter
-    from ident.studies.stiffness.run_plan import RunPlan
 
 RANKED = 8
 """Postures listed."""
@@ -412,50 +407,3 @@ def _is_filled(path: Path) -> bool:
     except (OSError, UnicodeDecodeError):
         return False
     return any((row.get("value") or "").strip() for row in csv.DictReader(lines))
-
-
-# -------- Runs
-# The next run of the moving arm to record.
-
-
-def run_plan_sections(plan: "RunPlan") -> Report:
-    """Return what planned runs would determine, and which further run would add most."""
-    problem, count = plan.problem, len(plan.problem.sources)
-    what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
-    told, sized = len(plan.told), plan.sized
-    words = f"{told} of the {sized} sources that the arm's file has would be told"
-    words += f" (noise {100 * plan.noise:g} % of each trace's peak, assumed; errors of the model come on top)."
-    if told == sized:
-        verdict = Verdict("SUFFICIENT", words, "good")
-    else:
-        verdict = Verdict(f"PARTLY {told} OF {sized}" if told else "NOT SUFFICIENT", words, "caution")
-    rows = []
-    for k, source in enumerate(problem.sources):
-        size, unit = size_of(problem.masses, source)
-        own = float(plan.amplitude[k])
-        said = f"{size * own:.4g}" if own else "not given"
-        answer = ("yes" if own > plan.least[k] else "no") if own else "above least told"
-        rows.append((named(source), said, f"{size * plan.sd[k]:.3g}", f"{size * plan.least[k]:.3g}", unit, answer))
-    note = "Least told: a 95 % interval is half of the amplitude either way. Stiffness known to 10 % before (assumed)."
-    further = [
-        (f"{x.speed:g} %, {x.part}", f"{x.point} {x.direction}", x.gain, ", ".join(map(named, plan.also(x))) or None)
-        for x in plan.further
-    ]
-    heads = "Run", "sensor", "gain [nat]|.1f", "tells also"
-    first, every = (by_head(heads, own, "Further runs, one sensor each") for own in (further[:LISTED_RUNS], further))
-    table = by_head(("Source", "in the file", "std. error", "least told", "unit", "told?"), rows, note=note)
-    return Report(
-        f"Planned runs of {cut(problem.arm.name, 40)}: {what} of {count} possible sources",
-        verdict,
-        (table, first) if further else (table,),
-        next="ident source {runs} --arm {arm}",
-        details=(Section("Further runs", (every,)),) if further else (),
-    )
-
-
-def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:
-    """Return a row for each source [SI]."""
-    sources, units = plan.problem.sources, np.array([unit_of_source(source) for source in plan.problem.sources])
-    what = {name: [getattr(source, name) for source in sources] for name in ("drive", "kind", "order")}
-    sizes = {"amplitude": plan.amplitude * units, "sd": plan.sd * units, "least": plan.least * units}
-    return by_row(**what, **sizes, told=[source in plan.told for source in sources])

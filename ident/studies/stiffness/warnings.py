@@ -13,7 +13,7 @@ from ident.identify.assumptions import Assumption, Assumptions, of_kind
 from ident.identify.data_checks import row_names
 from ident.identify.explanations import APART, Change, Explanation, Explanations, Telling
 from ident.identify.fit import CampaignFit, Loop
-from ident.identify.hypotheses import KINDS, MARGIN, SLIP
+from ident.identify.hypotheses import ENTRY_ERRORS, KINDS, MARGIN, SLIP
 from ident.identify.problem import Ramp
 from ident.inference.fit import FEW, CrossPrediction, contradicting
 from ident.inference.information import RARE, sigma_in_words, standard_deviations
@@ -204,8 +204,7 @@ def untested(fit: CampaignFit) -> Iterator[Finding]:
     """Yield for each of those parts how far it may shift the most affected value, and how to find out."""
     for assumed, (item, which) in _untested(fit).items():
         moved = f"{fit.information.names[which]} {_move(fit, item, which, in_errors=False)}"
-        remedy = "measure the foot's motion" if item.kind.startswith("base") else CHECKS[item.kind]
-        yield Finding(f"cannot be tested: {assumed} (if not, {moved})", remedy)
+        yield Finding(f"cannot be tested: {assumed} (if not, {moved})", KINDS[item.kind].check)
 
 
 def _untested(fit: CampaignFit) -> dict[str, tuple[Assumption, int]]:
@@ -297,24 +296,6 @@ LEADING = 3
 """Explanations on the first screen, and the number listed if none fits."""
 ROWS = 6
 """Rows that an explanation names, at most."""
-CHECKS = {
-    "mass": "weigh it",
-    "payload": "weigh it",
-    "mass centre": "balance it",
-    "length": "measure it",
-    "loads": "check the load cell or the scales",
-    "scale": "check the calibration and the unit",
-    "clock": "check the sampling rate",
-    "value": "measure it again",
-    "exchange": "swap them, or check the mode shapes",
-    "on": "check the load",
-    "off": "check the load",
-    "soft base": "put a dial gauge on the foot; `--soft-base`",
-    "spring": "measure deflections under several loads",
-    "link bends": "measure deflections along the link",
-    "link twists": "measure rotations along the link",
-    "servo gives": "compare twists with brakes and with servos on",
-}
 
 
 def leading_explanations(found: Explanations | None, campaign: Campaign) -> tuple[Table, ...]:
@@ -362,7 +343,8 @@ def _check(item: Explanation, campaign: Campaign) -> str:
     """Return the check of a cause: swap labels back or look at the shapes; repeat measurements."""
     first = item.changes[0]
     values = first.kind == "exchange" and _swapped(first, campaign) == "values"
-    return "swap them, or measure both again" if values else CHECKS[first.kind]
+    check = KINDS[first.kind].check if first.kind in KINDS else ENTRY_ERRORS[first.kind]
+    return "swap them, or measure both again" if values else check
 
 
 def _swapped(change: Change, campaign: Campaign) -> str:

@@ -14,6 +14,7 @@ from matplotlib.transforms import Transform
 from ident.arm.modes import Label
 from ident.report.report import cut
 from ident.report.style import GREY, NAME_STYLES, colour_of, key_below, note, plain, titled
+from ident.studies.basis import alike
 from ident.studies.working.resonance_report import band_words, grouped, same_lines, sources_words
 from ident.vibrate.branches import Branches
 from ident.vibrate.resonance import Excitation, ResonanceCrossing
@@ -156,10 +157,7 @@ def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
 def _postures(axes: Axes, branches: Branches) -> None:
     """Draw the joint angles, identical ones as one line."""
     angles = np.degrees(branches.posture)
-    groups: list[list[int]] = []
-    for j, angle in enumerate(angles):
-        same = next((g for g in groups if np.allclose(angles[g[0]], angle, atol=1e-6)), None)
-        groups.append([j]) if same is None else same.append(j)
+    groups = alike(range(len(angles)), lambda i, j: np.allclose(angles[i], angles[j], atol=1e-6))
     at = angles[[g[0] for g in groups]]
     axes.margins(y=0.15)
     axes.plot(branches.time, at.T, color=GREY, linewidth=1.2)

@@ -1,13 +1,14 @@
 """The report of pulley frequencies crossing natural frequencies along a motion, and its table."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict
+from ident.report.report import Finding, Part, Report, Section, Table, Verdict, by_head
 from ident.report.words import MM, counted, degrees, percent
 from ident.studies.basis import (
+    alike,
     assumed_section,
     assumption_findings,
     basis_findings,
@@ -28,8 +29,6 @@ SAME = 1e-6
 """Distance in time [s] or relative in frequency below which two are the same."""
 SMALL = 1e-4
 """Vibration [m] from which it is given in mm."""
-T = TypeVar("T")
-"""Item to group."""
 
 
 def grouped(crossings: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossing]]:
@@ -39,19 +38,7 @@ def grouped(crossings: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossi
         apart = max(abs(one.start - other.start), abs(one.end - other.end), abs(one.time - other.time))
         return one.branch == other.branch and apart < SAME
 
-    return _alike(crossings, together)
-
-
-def _alike(items: Iterable[T], alike: Callable[[T, T], bool]) -> list[list[T]]:
-    """Add each item to the first group whose first item is like it, or to a new group."""
-    groups: list[list[T]] = []
-    for item in items:
-        same = next((group for group in groups if alike(group[0], item)), None)
-        if same is None:
-            groups.append([item])
-        else:
-            same.append(item)
-    return groups
+    return alike(crossings, together)
 
 
 def caused_words(group: Sequence[ResonanceCrossing]) -> str:
@@ -67,7 +54,7 @@ def same_lines(excitation: Excitation) -> list[list[int]]:
     def same(first: int, other: int) -> bool:
         return bool(np.abs(lines[first] - lines[other]).max() <= SAME * max(float(lines[other].max()), SAME))
 
-    return _alike(range(len(lines)), same)
+    return alike(range(len(lines)), same)
 
 
 def sources_words(sources: Sequence[Source]) -> str:
@@ -169,8 +156,7 @@ def passage(crossing: ResonanceCrossing) -> str:
 
 def crossings_table(branches: Branches, groups: Sequence[Group], note: str = "") -> Table:
     """Return the crossings: excitation, mode, time, and vibration."""
-    drawn = branches.batch_size > 0
-    rows: list[tuple[Cell, ...]] = []
+    drawn, rows = branches.batch_size > 0, []
     for number, group in enumerate(groups, 1):
         e = group[0]
         who = sources_words([crossing.source for crossing in group])
@@ -178,9 +164,8 @@ def crossings_table(branches: Branches, groups: Sequence[Group], note: str = "")
         share = (percent(e.probability),) if drawn else ()
         size, built_up = caused_words(group), percent(e.built_up)
         rows.append((str(number), who, str(e.label), e.time, e.natural, distance, size, built_up, *share))
-    head = ("", "excitation", "mode", "at [s]", "f [Hz]", "distance", "vibration", "built up")
-    forms = ("", "", "", ".2f", ".2f", "", "", "")
-    return Table("", (*head, *["near"] * drawn), tuple(rows), (*forms, *[""] * drawn), note)
+    heads = "", "excitation", "mode", "at [s]|.2f", "f [Hz]|.2f", "distance", "vibration", "built up"
+    return by_head((*heads, *["near"] * drawn), rows, note=note)
 
 
 def _findings(basis: "Basis", branches: Branches, excitation: Excitation) -> Iterator[Finding]:
@@ -227,15 +212,13 @@ def _details(
 
 def passages_table(branches: Branches, groups: Sequence[Group]) -> Table:
     """Return how each crossing passes: when, at which posture, how far apart, and how far the mode builds up."""
-    drawn = branches.batch_size > 0
-    rows: list[tuple[Cell, ...]] = []
+    drawn, rows = branches.batch_size > 0, []
     for number, (e, *_) in enumerate(groups, 1):
         span, posture = f"{e.start:.2f} to {e.end:.2f}", degrees(e.posture).removesuffix(" deg")
         last = percent(e.crossing_probability) if drawn else e.sweep_number
         rows.append((str(number), span, posture, e.distance, e.magnification, passage(e), last))
-    last_head = "cross" if drawn else "sweep number"
-    head = ("", "near [s]", "posture [deg]", "distance [Hz]", "magnification", "passage", last_head)
-    return Table("", head, tuple(rows), ("", "", "", ".2g", ".3g", "", ".3g"))
+    heads = "", "near [s]", "posture [deg]", "distance [Hz]|.2g", "magnification|.3g", "passage"
+    return by_head((*heads, "cross" if drawn else "sweep number|.3g"), rows)
 
 
 def _crossings(branches: Branches, groups: Sequence[Group], margin: float) -> Iterator[Part]:
@@ -268,16 +251,16 @@ def _crossings(branches: Branches, groups: Sequence[Group], margin: float) -> It
 def _branches(branches: Branches) -> Section:
     drawn = branches.batch_size > 0
     ends = branches.median[:, [0, -1]].tolist()
-    rows = tuple((str(label), first, last) for label, (first, last) in zip(branches.labels, ends, strict=True))
+    rows = ((str(label), first, last) for label, (first, last) in zip(branches.labels, ends, strict=True))
     medians = f", medians of {branches.batch_size} draws" * drawn
     changes = tuple(
         (str(branches.labels[c.branch]), str(c.before), c.time, str(c.after))
         for c in sorted(branches.changes, key=lambda change: (change.branch, change.time))
     )
-    parts: list[Part] = [Table("", ("mode", "first [Hz]", "last [Hz]"), rows, ("", ".3f", ".3f"))]
+    parts: list[Part] = [by_head(("mode", "first [Hz]|.3f", "last [Hz]|.3f"), rows)]
     if changes:
-        head = ("mode", "called", "until [s]", "then")
-        parts.append(Table("Names follow the shape, which changes on the way", head, changes, ("", "", ".2f", "")))
+        heads = "mode", "called", "until [s]|.2f", "then"
+        parts.append(by_head(heads, changes, "Names follow the shape, which changes on the way"))
     if drawn:
         parts.append(f"Bands: {band_words(branches)}.")
     return Section(f"Natural frequencies at the first and the last posture{medians}", tuple(parts))

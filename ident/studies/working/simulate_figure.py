@@ -28,7 +28,7 @@ from ident.report.style import (
 )
 from ident.report.words import MM
 from ident.studies.basis import motion_title
-from ident.studies.working.simulation import Simulation, alike
+from ident.studies.working.simulation import Simulation, joined
 from ident.vibrate.study import DIRECTIONS
 
 # -------- Simulate
@@ -170,7 +170,7 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
         }
         yield "belt tension\n[N]", tensions
     if simulation.pulleys:
-        yield "pulleys turn\n[Hz]", alike({name: frequency for name, (_, frequency) in simulation.pulleys.items()})
+        yield "pulleys turn\n[Hz]", joined({name: frequency for name, (_, frequency) in simulation.pulleys.items()})
 
 
 # -------- Spectrum

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.identify.unknowns import is_damping
-from ident.report.report import Finding, Part, Report, Section, Table, Verdict, by_row, cut
+from ident.report.report import Finding, Part, Report, Section, Table, Verdict, by_head, by_row, cut
 from ident.report.words import MM, counted, degrees, percent
 from ident.studies.basis import (
     assumed_section,
@@ -125,7 +125,7 @@ def _sizes_table(simulation: "Simulation") -> Table:
     columns[f"settled to {MM * simulation.tolerance:g} mm"] = [_settled(simulation, each) for each in sizes.settling]
     if simulation.at is not None:
         columns[f"from {simulation.at:g} s on"] = _all_mm(sizes.late)
-    return Table("", tuple(columns), tuple(zip(*columns.values(), strict=True)))
+    return by_head(columns, zip(*columns.values(), strict=True))
 
 
 def _largest(simulation: "Simulation") -> str:
@@ -140,12 +140,12 @@ def _largest(simulation: "Simulation") -> str:
 
 def _ratios(simulation: "Simulation") -> Table:
     """Return the comparison of the simulated vibration with a measured trace."""
-    rows = tuple(
+    rows = (
         (direction, each.peak_ratio, each.rms_ratio, each.band_rms_ratio, *_dominant(each))
         for direction, each in (simulation.comparisons or {}).items()
     )
-    head = ("", "peak", "rms", "rms in band", "strongest simulated [Hz]", "measured [Hz]")
-    return Table("Simulated over measured", head, rows, ("", ".3f", ".3f", ".3f", ".3f", ".3f"))
+    heads = "peak", "rms", "rms in band", "strongest simulated [Hz]", "measured [Hz]"
+    return by_head(("", *(f"{each}|.3f" for each in heads)), rows, "Simulated over measured")
 
 
 def _dominant(comparison: "Comparison") -> list[float | None]:
@@ -211,13 +211,13 @@ def _phases(simulation: "Simulation") -> Iterator[Section]:
     if over is None:
         return
     what = "phases and transmission errors" if simulation.basis.unknown.errors else "imbalance phases"
-    rows = tuple(
+    rows = (
         (direction, f"{_mm(low)} to {_mm(high)}", *_all_mm([worst, *parts]))
         for direction, low, high, worst, parts in zip(DIRECTIONS, *over.band, over.worst, over.division.T, strict=True)
     )
-    head = ("", "5 to 95 %", "worst", "motion", "imbalance", "transmission error")
+    heads = "", "5 to 95 %", "worst", "motion", "imbalance", "transmission error"
     note = "worst: reached with some phases; motion, imbalance and transmission error are its parts."
-    table = Table("", head, rows, note=note)
+    table = by_head(heads, rows, note=note)
     limit = () if simulation.limit is None else (_shares(simulation.limit, *over.exceeds(simulation.limit)),)
     yield Section(f"Peak over random {what}, which are unknown [mm]", (table, *limit))
 
@@ -237,10 +237,10 @@ def _bands(simulation: "Simulation") -> Iterator[Section]:
     for i, direction in enumerate(DIRECTIONS):
         parts = (sizes.peak, sizes.rms, sizes.residual, *([sizes.late] if late else []))
         rows.append((direction, *(_interval(part[i]) for part in parts), _settling(simulation, sizes.settling[i])))
-    head = ("", "peak", "rms", "residual", *([f"from {simulation.at:g} s on"] if late else []), "settled [s]")
+    heads = "", "peak", "rms", "residual", *([f"from {simulation.at:g} s on"] if late else []), "settled [s]"
     limit = () if simulation.limit is None else (_shares(simulation.limit, *draws.exceeds(simulation.limit)),)
     title = f"5 to 95 % of {counted(draws.vibration.shape[2], 'draw')}{own} [mm]"
-    yield Section(title, (Table("", head, tuple(rows)), *limit, *_owed_to_damping(draws)))
+    yield Section(title, (by_head(heads, rows), *limit, *_owed_to_damping(draws)))
 
 
 def _owed_to_damping(draws: "Draws") -> Iterator[str]:
@@ -266,12 +266,12 @@ def _trace(simulation: "Simulation") -> Iterator[Section]:
     for direction, each in simulation.comparisons.items():
         numbers = (each.simulated.peak, each.measured.peak, each.simulated.rms, each.measured.rms)
         rows.append((direction, *(factor * number for number in numbers), *_dominant(each)))
-    sizes = ("peak, simulated", "measured", "rms, simulated", "measured")
-    head = ("", *sizes, "strongest, simulated [Hz]", "measured [Hz]")
+    sizes = "peak, simulated|.4g", "measured|.4g", "rms, simulated|.4g", "measured|.4g"
+    heads = "", *sizes, "strongest, simulated [Hz]|.3f", "measured [Hz]|.3f"
     note = f"Each about its mean. strongest: frequency [Hz] in the band, {low:g} to {high:g} Hz."
     if acceleration:
         note += " The simulated displacement was differentiated twice; the measured acceleration is as it was."
-    table = Table("", head, tuple(rows), ("", *[".4g"] * 4, ".3f", ".3f"), note)
+    table = by_head(heads, rows, note=note)
     yield Section(f"Against {cut(simulation.trace.path, 60)}, {span[0]:.4g} to {span[1]:.4g} s [{unit}]", (table,))
 
 
@@ -305,8 +305,7 @@ def _moments(simulation: "Simulation") -> Section:
         about = np.abs(torsion)
         times = [float(simulation.time[np.argmax(moment)]) for moment in (bending, about)]
         rows.append((joint.name, float(bending.max()), times[0], float(about.max()), times[1]))
-    head = ("", "bending", "at [s]", "torsion", "at [s]")
-    table = Table("", head, tuple(rows), ("", ".4g", ".3f", ".4g", ".3f"))
+    table = by_head(("", "bending|.4g", "at [s]|.3f", "torsion|.4g", "at [s]|.3f"), rows)
     return Section("Largest moments of the bushings, weight included [N m]", (table,))
 
 

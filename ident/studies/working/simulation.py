@@ -1,24 +1,22 @@
 """A simulated motion, as report, files and figures share it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import TypeVar
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.measure import Trace
+from ident.studies.basis import alike
 from ident.studies.scenario import Basis, OverPhases, over_phases
 from ident.vibrate.compare import Comparison
 from ident.vibrate.fast import LeavesTangentError
 from ident.vibrate.response import Response, belt_tension, slack
 from ident.vibrate.simulate import superposition
 from ident.vibrate.study import Draws, Sizes, measures
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -147,19 +145,7 @@ def simulated_over_phases(basis: Basis, elastic_belts: bool, rate: float, step: 
     return None
 
 
-def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def joined(lines: Mapping[str, np.ndarray], comma: str = ", ", atol: float = 1e-6) -> dict[str, np.ndarray]:
     """Join coinciding lines under one name."""
-    groups = grouped(lines, partial(np.allclose, rtol=1e-6, atol=1e-6, equal_nan=True))
-    return {", ".join(names): values for names, values in groups}
-
-
-def grouped(items: Mapping[str, T], are_alike: Callable[[T, T], bool]) -> list[tuple[list[str], T]]:
-    """Return for each group of like items their names and the first item."""
-    groups: list[tuple[list[str], T]] = []
-    for name, item in items.items():
-        names = next((names for names, first in groups if are_alike(item, first)), None)
-        if names is None:
-            groups.append(([name], item))
-        else:
-            names.append(name)
-    return groups
+    groups = alike(lines, lambda one, other: np.allclose(lines[one], lines[other], 1e-6, atol, equal_nan=True))
+    return {comma.join(names): lines[names[0]] for names in groups}

@@ -11,7 +11,7 @@ from ident.errors import refusal
 from ident.identify.binding import loads_of
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, Log, Trace
-from ident.studies.working.simulation import alike, grouped
+from ident.studies.working.simulation import joined
 from ident.text import quoted
 from ident.vibrate.branches import branches
 from ident.vibrate.compare import second_derivative
@@ -167,7 +167,7 @@ class Spectra:
     @property
     def lines(self) -> dict[str, Float[np.ndarray, "T"]]:
         """Multiples of the pulleys' rotation frequencies [Hz] over the time of the first trace; NaN at standstill."""
-        return alike(
+        return joined(
             {
                 f"{order:g} x {name}": np.where(frequency > STANDING * frequency.max(), order * frequency, np.nan)
                 for name, frequency in self.pulleys.items()
@@ -231,8 +231,9 @@ def amplitude_spectra(
     traces: Mapping[str, Trace], directions: Sequence[str], *, window: str, segments: int
 ) -> dict[str, Spectrum]:
     """Return the spectrum of each trace, a column for each direction."""
+    columns = {name: np.stack([trace.values[d] for d in directions], 1) for name, trace in traces.items()}
     return {
-        name: amplitude_spectrum(trace.time, _columns(trace, directions), window=window, segments=segments)
+        name: amplitude_spectrum(trace.time, columns[name], window=window, segments=segments)
         for name, trace in traces.items()
     }
 
@@ -250,12 +251,5 @@ def spectrograms(
 
 def distinct(pulleys: Pulleys) -> dict[str, np.ndarray]:
     """Join pulleys of equal speed under one name: their orders are indistinguishable."""
-    return {" and ".join(names): frequency for names, frequency in grouped(pulleys, _turns_as)}
-
-
-def _columns(trace: Trace, directions: Sequence[str]) -> Float[np.ndarray, "T D"]:
-    return np.stack([trace.values[direction] for direction in directions], axis=1)
-
-
-def _turns_as(one: np.ndarray, other: np.ndarray) -> bool:
-    return np.allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(one).max())
+    fastest = max((float(np.abs(frequency).max()) for frequency in pulleys.values()), default=0.0)
+    return joined(pulleys, " and ", 1e-6 * fastest)

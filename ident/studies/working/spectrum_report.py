@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ident.report.report import Cell, Part, Report, Section, Table, cut
+from ident.report.report import Cell, Part, Report, Section, Table, by_head, cut
 from ident.report.words import (
     TRACE_UNITS,
     counted,
@@ -25,16 +25,9 @@ def spectrum_sections(spectra: Spectra) -> Report:
         f"Amplitude spectra of {names}: {spectra.kind}, 0-peak, up to {spectra.upto:g} Hz",
         answer=tuple(_answer(spectra)),
         remark=spectra.remark,
-        next=_next(spectra),
+        next="ident resonance {arm}" if spectra.modes else "ident spectrum {trace} --arm ARM",
         details=tuple(_details(spectra)),
     )
-
-
-def _next(spectra: Spectra) -> str:
-    """Return the step that names the modes near the peaks, or else their excitation."""
-    if spectra.modes is None:
-        return "ident spectrum {trace} --arm ARM"
-    return "ident resonance {arm}"
 
 
 def _answer(spectra: Spectra) -> Iterator[Part]:
@@ -82,20 +75,19 @@ def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
             rows.append((first, peak.frequency, factor * peak.amplitude, *mode))
         if not spectra.strongest(name, direction):
             rows.append((direction, None, None, "", ""))
-    head = ("", "frequency [Hz]", f"amplitude [{unit}]", "mode near it", "its range")
-    forms = ("", ".3f", "#.4g", "", "")
-    shown = len(head) if spectra.modes else 3
-    return Table(caption, head[:shown], tuple(row[:shown] for row in rows), forms[:shown])
+    heads = "", "frequency [Hz]|.3f", f"amplitude [{unit}]|#.4g", "mode near it", "its range"
+    shown = len(heads) if spectra.modes else 3
+    return by_head(heads[:shown], (row[:shown] for row in rows), caption)
 
 
 def _modes(modes: MarkedModes) -> Section:
-    rows = tuple((label, hertz(band, 4)) for label, band in modes.bands.items())
+    rows = ((label, hertz(band, 4)) for label, band in modes.bands.items())
     meaning = (
         "Names as at the end of the motion. A peak in z is named by a vertical mode if one is near, others by a "
         "lateral one; of several, by the one that is near for longest."
     )
     title = f"Natural frequencies of {cut(modes.arm, 40)}, {modes.load}, {where_marked(modes)}"
-    return Section(title, (Table("", ("mode", "frequency"), rows, note="" if modes.held else meaning),))
+    return Section(title, (by_head(("mode", "frequency"), rows, note="" if modes.held else meaning),))
 
 
 # -------- Rows

@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm.fields import field_of
 from ident.files import replace_file
 from ident.measure.table import csv_text, guarded
-from ident.report.report import Cell, Part, Report, Section, Table, Verdict, cut, short_power
+from ident.report.report import Cell, Part, Report, Section, Table, Verdict, by_head, cut, short_power
 from ident.report.words import MM, counted, in_shown_unit, percent, unit_of, value_in_words
 from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.vibrate.simulate import MEASURES
@@ -174,7 +174,7 @@ def _answer(study: "SweepStudy") -> Iterator[Part]:
     if study.is_map:
         yield from _map_extremes(study, study.sweeps[0])
         return
-    rows: list[tuple[Cell, ...]] = []
+    rows = []
     for sweep in study.sweeps[:LISTED]:
         (axis,) = sweep.axes
         last = _kept_at(sweep, study.limit) if study.limit is not None else SHAPES[_trends(sweep)["largest"][0].shape]
@@ -182,8 +182,8 @@ def _answer(study: "SweepStudy") -> Iterator[Part]:
     hidden = len(study.sweeps) - LISTED
     more = f"{counted(hidden, 'more parameter')}: --details. " if hidden > 0 else ""
     last = "trend" if study.limit is None else f"{MM * study.limit:g} mm kept"
-    head = ("parameter", "present", "least [mm]", "at", "largest [mm]", "at", last)
-    yield Table("", head, tuple(rows), note=f"{more}Largest of x, y and z.")
+    heads = "parameter", "present", "least [mm]", "at", "largest [mm]", "at", last
+    yield by_head(heads, rows, note=f"{more}Largest of x, y and z.")
 
 
 def _extremes(axis: Axis, sizes: np.ndarray) -> list[str]:
@@ -256,25 +256,24 @@ def _parameter(study: "SweepStudy", sweep: Sweep) -> Iterator[Part]:
     """Yield amplitudes at each value, with bands and the probability of exceeding the limit; and their trends."""
     (axis,) = sweep.axes
     factor, unit = in_shown_unit(axis.paths[0], 1.0)
-    columns: dict[str, list[Cell]] = {f"value [{unit}]": [float(value) * factor for value in axis.values]}
+    columns: dict[str, list[Cell]] = {f"value [{unit}]|.5g": [float(value) * factor for value in axis.values]}
     if not axis.shifted:
-        columns["times"] = [float(value / axis.present) for value in axis.values]
+        columns["times|.5g"] = [float(value / axis.present) for value in axis.values]
     columns |= {f"{d} [mm]": list(map(mm, sizes)) for d, sizes in zip(DIRECTIONS, sweep.amplitude, strict=True)}
     note = ""
     if sweep.draws is not None and study.limit is not None:
         columns["exceeds"] = [percent(share) for share in sweep.exceeds(study.limit)]
         note = f"exceeds: probability that {MM * study.limit:g} mm is exceeded in any direction."
     columns[""] = [_mark(axis, value) for value in axis.values]
-    forms = tuple(".5g" if name.startswith(("value", "times")) else "" for name in columns)
-    yield Table("", tuple(columns), tuple(zip(*columns.values(), strict=True)), forms, note)
+    yield by_head(columns, zip(*columns.values(), strict=True), note=note)
     if sweep.draws is not None:
         low, high = sweep.band
-        rows: list[tuple[Cell, ...]] = [
+        rows = [
             (float(value) * factor, *(f"{_short(low[d, k])} to {_short(high[d, k])}" for d in range(3)))
             for k, value in enumerate(axis.values)
         ]
-        head, forms = (f"value [{unit}]", *(f"{d} [mm]" for d in DIRECTIONS)), (".5g", "", "", "")
-        yield Table(f"5 to 95 % of {counted(study.draws, 'draw')}", head, tuple(rows), forms)
+        heads = f"value [{unit}]|.5g", *(f"{d} [mm]" for d in DIRECTIONS)
+        yield by_head(heads, rows, f"5 to 95 % of {counted(study.draws, 'draw')}")
     yield _trend_table(sweep)
     if study.limit is not None:
         kept = _kept_at(sweep, study.limit)
@@ -316,12 +315,12 @@ def _about(axis: Axis, about: Trend | None) -> str:
 def _map_rows(sweep: Sweep) -> Iterator[Part]:
     """Yield for each value of the first parameter where the largest amplitude is least and largest."""
     first, second = sweep.axes
-    rows = tuple(
+    rows = (
         (_number(first, value), *_extremes(second, row), _mark(first, value))
         for value, row in zip(first.values, sweep.amplitude.max(0), strict=True)
     )
-    head = (_named(first), "least [mm]", f"at {_named(second)}", "largest [mm]", f"at {_named(second)}", "")
-    yield Table(f"For each {first.name}: least and largest of the largest of x, y and z", head, rows)
+    heads = _named(first), "least [mm]", f"at {_named(second)}", "largest [mm]", f"at {_named(second)}", ""
+    yield by_head(heads, rows, f"For each {first.name}: least and largest of the largest of x, y and z")
 
 
 def _mark(axis: Axis, value: float) -> str:

@@ -9,17 +9,22 @@ of the determinants of the covariance before and after.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import Arm
 from ident.arm.multibody import ExcitingOrder
+from ident.description.file import ArmFile
 from ident.errors import refusal
-from ident.measure.runs import Runs
-from ident.studies.cause.source_study import CLOCK, FURTHER, posed, unmeasured
+from ident.measure.runs import Runs, planned_runs
+from ident.studies import module_of
+from ident.studies.cause.run_problem import CLOCK, posed, unmeasured
+from ident.studies.cause.source_study import FURTHER
+from ident.studies.options import Options
+from ident.studies.result import Result
 from ident.vibrate.motion import stroke
 from ident.vibrate.source_identification import (
     amplitude_sd,
@@ -101,19 +106,49 @@ class RunPlan:
         return [source for source, told in zip(self.problem.sources, more, strict=True) if told]
 
 
-def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> RunPlan:
+@dataclass(frozen=True, repr=False, eq=False)
+class RunPlanResult(Result):
+    """What planned runs of the moving arm would determine about its drives, and which further run would add most.
+
+    The table has a row for each source: amplitude in the arm file, standard deviation, least detectable amplitude [SI].
+    There is no figure.
+
+    Attributes:
+        arm: the arm as in its file.
+        plan: what the runs would determine.
+        runs: the table of runs.
+        options: the options of the call.
+    """
+
+    arm: ArmFile
+    plan: RunPlan
+    runs: Runs
+    options: Options
+
+    form = "ident-plan/10"
+    subject = "runs.name"
+    shown, drawn = ("plan",), ()
+    made_from = ("arm", "runs")
+
+    def _present(self, part: str, what: str) -> Any:
+        return getattr(module_of("source", part), f"run_plan_{what}")(self.plan)
+
+
+def planned(file: ArmFile, runs: Runs | str | Path, options: Options, *, noise: float, progress: Any) -> RunPlanResult:
     """Compute what runs would determine, and which further run would add most.
 
     Args:
-        arm: the arm; its stiffnesses count as known to 10 %, damping to a factor of two.
-        table: the runs, see `measure.runs.planned_runs`.
+        file: the arm; its stiffnesses count as known to 10 %, damping to a factor of two.
+        runs: the table of runs, or its file.
+        options: those of the plan.
         noise: share of each trace's peak.
-        progress: shows progress.
+        progress: shows progress over further runs.
 
     Raises:
         InputError: see `source.posed`; no source of the arm excites a run.
         ModelError: the arm collapses.
     """
+    arm, table = file.arm, runs if isinstance(runs, Runs) else planned_runs(runs)
     problem = posed(arm, unmeasured(arm, table, RATE), prior=Prior.of(arm, {}), offset=CLOCK)
     place = _as_it_is(problem)
     precision, own_noise = problem.priors[0].copy(), _noise(problem, place, noise)
@@ -125,9 +160,11 @@ def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> Run
     sd = np.stack([amplitude_sd(covariance[end : end + size, end : end + size], place.parts[0]) for end in ends])
     kinds = [problem.runs[each.run].sensors[each.sensor].derivative for each in problem.channels]
     further_noise = max(each for each, kind in zip(own_noise, kinds, strict=True) if kind == kinds[0])
-    further = sorted(_further(problem, place, covariance, sd, further_noise, progress), key=lambda each: -each.gain)
+    found = _further(problem, place, covariance, sd, further_noise, progress("further runs"))
+    further = sorted(found, key=lambda each: -each.gain)
     pooled = np.square(1 / sd).sum(0) ** -0.5
-    return RunPlan(problem, noise, np.hypot(*place.parts[0].T), pooled, tuple(further))
+    plan = RunPlan(problem, noise, np.hypot(*place.parts[0].T), pooled, tuple(further))
+    return RunPlanResult(file, plan, table, options)
 
 
 def _further(
