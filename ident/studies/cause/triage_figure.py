@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from ident.report.report import cut
 from ident.report.style import BLUE, GREEN, ORANGE, PINK, Style, key_below, note
 from ident.studies.cause.source_figure import SIZE
-from ident.studies.working.spectrum_figure import amplitude_figure
+from ident.studies.working.spectrogram_figure import amplitude_figure
 
 if TYPE_CHECKING:
     from ident.vibrate.spectra import Spectrogram

@@ -168,7 +168,7 @@ class LostError(IdentError):
     """The scheduler of a cluster is gone."""
 
     def __init__(self) -> None:
-        super().__init__("the scheduler is gone; what is done is kept: with another one, the same command goes on")
+        super().__init__("the scheduler of the workers is gone; what is done is kept, and the same command goes on")
 
 
 class Engine(ExitStack):

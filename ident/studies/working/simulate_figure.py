@@ -31,9 +31,6 @@ from ident.studies.basis import motion_title
 from ident.studies.working.simulation import Simulation, joined
 from ident.vibrate.study import DIRECTIONS
 
-# -------- Simulate
-# Figures of a simulated motion: vibration of the end point; joints, belts and pulleys at the same time.
-
 OURS: Style = {"color": BLUE, "linewidth": 1.3}
 THEIRS: Style = {"color": ORANGE, "linewidth": 0.8, "zorder": 2.5}
 PARTS: tuple[Style, ...] = tuple(
@@ -171,10 +168,3 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
         yield "belt tension\n[N]", tensions
     if simulation.pulleys:
         yield "pulleys turn\n[Hz]", joined({name: frequency for name, (_, frequency) in simulation.pulleys.items()})
-
-
-# -------- Spectrum
-# Figures of vibration: amplitude over frequency, over time and frequency, and of a pulley's orders over time.
-
-LETTER, LINE = 0.068, 12.0
-"""Width of a letter [inch] and height of a line [point] above a panel."""

@@ -135,7 +135,8 @@ class SpectrumResult(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """Return the spectra, and spectrograms by direction if requested."""
-        from ident.studies.working.spectrum_figure import spectra_figure, spectrogram_figures
+        from ident.studies.working.spectrogram_figure import spectrogram_figures
+        from ident.studies.working.spectrum_figure import spectra_figure
 
         return {"": spectra_figure(self.spectra), **spectrogram_figures(self.spectra, decibel=self.options.decibel)}
 

@@ -1,13 +1,10 @@
-"""Amplitude spectra and spectrograms of traces, with natural frequencies."""
+"""Amplitude spectra of traces, with natural frequencies."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -18,35 +15,27 @@ from ident.report.style import (
     GREY,
     ORANGE,
     PINK,
-    Style,
-    colour_bar,
     key_below,
     note,
     plain,
     titled,
 )
 from ident.report.words import TRACE_UNITS
-from ident.studies.working.simulate_figure import LETTER, LINE
+from ident.studies.working.spectrogram_figure import styles
 from ident.studies.working.spectrum_report import hertz, where_marked
 from ident.text import by_key
 
 if TYPE_CHECKING:
     from ident.studies.working.spectra import Band, Spectra
-    from ident.vibrate.spectra import Spectrogram, Spectrum
+    from ident.vibrate.spectra import Spectrum
 
-SPECTRUM_PANEL = (8.0, 2.5)
+PANEL = (8.0, 2.5)
 """Width and height of a panel [inch]."""
+LETTER, LINE = 0.068, 12.0
+"""Width of a letter [inch] and height of a line [point] above a panel."""
 
 
-def _styles(width: float, colours: Sequence[str]) -> tuple[Style, ...]:
-    """Return a style for each colour as a solid line, then dashed, then dotted."""
-    lines = ("-", "--", ":")
-    return tuple({"color": color, "linestyle": line, "linewidth": width} for line in lines for color in colours)
-
-
-SERIES = _styles(1.4, (BLUE, ORANGE, GREEN, PINK))
-LINES = _styles(1.6, (ORANGE, GREEN, "black", PINK))
-"""Styles of the pulleys' lines over the blue of a spectrogram."""
+SERIES = styles(1.4, (BLUE, ORANGE, GREEN, PINK))
 
 
 def spectra_figure(spectra: "Spectra") -> Figure:
@@ -59,17 +48,6 @@ def spectra_figure(spectra: "Spectra") -> Figure:
     return spectrum_figure(
         spectra.spectra, panels, modes.bands if modes else {}, upto=spectra.upto, kind=spectra.kind, remarks=remarks
     )
-
-
-def spectrogram_figures(spectra: "Spectra", *, decibel: bool = False) -> dict[str, Figure]:
-    """Draw the spectrogram of each direction, with a line for each order of each pulley."""
-    time = spectra.traces[spectra.name].time
-    lines = {name: (time, frequency) for name, frequency in spectra.lines.items()}
-    style: dict[str, Any] = {"upto": spectra.upto, "decibel": decibel, "kind": spectra.kind}
-    return {
-        direction: spectrogram_figure(part, lines, title=f"{direction.upper()}: {spectra.name}", **style)
-        for direction, part in spectra.spectrograms.items()
-    }
 
 
 def spectrum_figure(
@@ -96,8 +74,8 @@ def spectrum_figure(
     beyond = [_mark(name, band) for name, band in (marks or {}).items() if band[0] > upto]
     notes = [*_descriptions(series), *([f"beyond the axis: {', '.join(beyond)}"] if beyond else []), *remarks]
     above = LINE / 72 * (1 + max((flag.row for flag in flags), default=-1))
-    height = SPECTRUM_PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
-    figure = titled((SPECTRUM_PANEL[0], height), "Amplitude spectrum")
+    height = PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
+    figure = titled((PANEL[0], height), "Amplitude spectrum")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
     for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
         _spectra(axes, series, i, upto, TRACE_UNITS[kind][0])
@@ -109,35 +87,6 @@ def spectrum_figure(
     handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
     figure.align_ylabels(grid)
     key_below(figure, handles, "\n".join(notes), columns=3)
-    return figure
-
-
-def spectrogram_figure(
-    spectrogram: "Spectrogram",
-    lines: Mapping[str, tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]] | None = None,
-    *,
-    title: str = "Spectrogram",
-    upto: float = 20.0,
-    decibel: bool = False,
-    kind: str = "displacement",
-) -> Figure:
-    """Draw the amplitude of a trace over time and frequency, with lines such as a pulley's frequency.
-
-    Args:
-        spectrogram: of one trace, amplitudes (F, B) [m].
-        lines: times [s] and frequencies [Hz] by name; NaN interrupts a line.
-        title: heading, such as direction and motion.
-        upto: [Hz] upper end of the axis.
-        decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
-        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
-    """
-    figure, axes = amplitude_figure((SPECTRUM_PANEL[0], 4.9), spectrogram, title, upto, kind, decibel)
-    handles = []
-    for (name, (time, frequency)), style in zip((lines or {}).items(), cycle(LINES), strict=False):
-        axes.plot(time, frequency, **style)
-        handles.append(Line2D([], [], label=cut(name, 40), **style))
-    note = f"{spectrogram.description()}\ngrey: less than half a segment from an end of the trace"
-    key_below(figure, handles, note, columns=3)
     return figure
 
 
@@ -165,7 +114,7 @@ def _rows_of_flags(marks: Mapping[str, "Band"], upto: float) -> list[_Flag]:
     flags: list[_Flag] = []
     for name, band in sorted(marks.items(), key=lambda mark: -mark[1][0]):
         text = _mark(name, band)
-        end = band[0] + LETTER * (len(text) + 2) * upto / (SPECTRUM_PANEL[0] - 2.0)
+        end = band[0] + LETTER * (len(text) + 2) * upto / (PANEL[0] - 2.0)
         row = 1 + max((flag.row for flag in flags if flag.band[0] <= end), default=-1)
         flags.append(_Flag(text, band, row))
     return flags
@@ -185,34 +134,6 @@ def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
             line = {"arrowstyle": "-", "color": GREY, "linewidth": 0.7, "relpos": (0, 0), "shrinkA": 0, "shrinkB": 0}
             place: Any = {"xycoords": axes.get_xaxis_transform(), "arrowprops": line}
             note(axes, f" {text}", (low, 1.0), (0, 2 + LINE * row), **place)
-
-
-def amplitude_figure(
-    size: tuple[float, float], spectrogram: "Spectrogram", title: str, upto: float, kind: str, decibel: bool = False
-) -> tuple[Figure, Axes]:
-    """Draw the amplitudes, linear between bins and segments, and their colour bar."""
-    factor, unit = TRACE_UNITS[kind]
-    figure = titled(size, cut(title, 70))
-    axes = figure.subplots()
-    inside = spectrogram.frequency <= upto + spectrogram.resolution
-    shown = factor * spectrogram.amplitude[inside]
-    top, bottom = float(shown.max()), 0.0
-    if decibel:
-        shown = 20 * np.log10(np.maximum(shown, np.finfo(float).tiny))
-        top, unit = float(shown.max()), f"dB re 1 {unit}"
-        bottom = top - 60.0
-    # proportional to the root of the amplitude, so that an order is visible next to its resonances
-    scale = Normalize(bottom, top or 1.0) if decibel else PowerNorm(0.5, bottom, top or 1.0)
-    mesh = axes.pcolormesh(
-        spectrogram.time, spectrogram.frequency[inside], shown, cmap="Blues", norm=scale, shading="gouraud"
-    )
-    colour_bar(figure, axes, mesh, f"amplitude, 0-peak [{unit}]", extend="min" if decibel else "neither")
-    axes.set_facecolor("#E4E4E4")
-    half = 0.5 / spectrogram.resolution
-    axes.set(xlim=(spectrogram.time[0] - half, spectrogram.time[-1] + half), ylim=(0, upto))
-    axes.set(xlabel="time [s]", ylabel="frequency [Hz]")
-    plain(axes)
-    return figure, axes
 
 
 def _descriptions(series: Mapping[str, "Spectrum"]) -> Iterator[str]:

@@ -6,7 +6,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
 from ident.report.document import save
-from ident.studies.working.spectrum_figure import spectrogram_figure, spectrum_figure
+from ident.studies.working.spectrogram_figure import spectrogram_figure
+from ident.studies.working.spectrum_figure import spectrum_figure
 from ident.vibrate.spectra import amplitude_spectrum, spectrogram
 
 TIME = np.arange(2000) / 200
