@@ -12,12 +12,12 @@ from scipy.stats import chi2
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders, refuse_moments
-from ident.arm.plausibility import reach_of
+from ident.arm.sizes import reach_of
 from ident.errors import InputError, placed, refusal
 from ident.identify.binding import loads_of
 from ident.measure import Log, read_log
 from ident.measure.runs import RunRow, Runs, Trace
-from ident.vibrate.motion import Motion, beyond_limits, stroke
+from ident.vibrate.motion import Motion, MovingTrace, beyond_limits, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.source_causes import Causes, check_peak, compared
 from ident.vibrate.source_identification import (
@@ -31,7 +31,6 @@ from ident.vibrate.source_identification import (
     with_further,
 )
 from ident.vibrate.source_problem import CLOCK_SD, LEVEL, Channel, Prior, SourceProblem, Trial, slow_columns
-from ident.vibrate.triage import MovingTrace
 from ident.vibrate.unit_response import UNITS, Run, Sensor, masses_of
 
 RARE = 1e-3
