@@ -1,7 +1,7 @@
 """Rank the next measurements by information per cost."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ident.studies.stiffness.run_plan import RunPlan
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlanOptions(FitOptions):
     """Options of `ident.plan`: the candidates, the aim, and the unknowns."""
 
@@ -90,7 +89,6 @@ class PlanOptions(FitOptions):
         )
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class PlanResult(Result):
     """The next measurements on an arm, and what they will gain.
 
@@ -109,11 +107,10 @@ class PlanResult(Result):
     hammer: "tuple[HammerPlan, ...]" = ()
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    form = "ident-plan/10"
     shown = ("plan", "hammer")
     drawn = listed = ("plan",)
     numbers = ("cost",)
-    summary = ("cost", "sd")
+    summarised = ("cost", "sd")
 
     @property
     def name(self) -> str:
@@ -160,7 +157,6 @@ class PlanResult(Result):
         return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class RunPlanResult(Result):
     """What planned runs of the moving arm would determine about its drives, and which further run would add most.
 
@@ -179,9 +175,9 @@ class RunPlanResult(Result):
     runs: "Runs"
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    form, called = PlanResult.form, "run_plan"
+    called = "run_plan"
     subject = "runs.name"
-    shown, drawn = ("plan",), ()
+    drawn = ()
     made_from = ("arm", "runs")
 
 
