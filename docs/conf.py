@@ -33,7 +33,7 @@ smartquotes = False
 highlight_language = "none"
 exclude_patterns = ["_build"]
 
-OWN = "subject, shown, drawn, listed, called, made_from, numbers, summary"  # what results say to `Result`
+OWN = "subject, shown, drawn, listed, called, made_from, numbers, summarised"  # what results say to `Result`
 autodoc_default_options = {"members": True, "exclude-members": f"form, suffix, name, {OWN}"}
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"

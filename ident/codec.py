@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import IdentError, refusal
-from ident.files import claimed, replace_file
+from ident.files import claimed, replace_file, write_text
 from ident.text import one_line
 
 PLAIN = (type(None), bool, int, float, str)
@@ -199,8 +199,7 @@ class Store:
     def depends_on(self, identity: Mapping[str, str]) -> None:
         """Keep what the items that are there depend on; what is not named may change before the run goes on."""
         if self.folder is not None:
-            text = json.dumps(dict(identity), indent=1, sort_keys=True)
-            replace_file(self.folder / IDENTITY, lambda out: out.write(text.encode("utf-8")), make_folders=True)
+            write_text(self.folder / IDENTITY, json.dumps(dict(identity), indent=1, sort_keys=True))
 
     def read(self, name: str) -> Any:
         """Return an item; None if it is not there, or damaged."""

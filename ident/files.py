@@ -108,6 +108,12 @@ def together() -> Iterator[_Set]:
         files.clean(folders=not whole)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text in UTF-8 by `replace_file`, and make folders that are not there."""
+    data = text.encode("utf-8", "backslashreplace")
+    replace_file(path, lambda file: file.write(data), make_folders=True)
+
+
 def replace_file(path: Path, write: Callable[[BinaryIO], object], *, make_folders: bool = False) -> None:
     """Write a file under another name and move it to its place when it, and its set, is complete and on the disk.
 

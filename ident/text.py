@@ -4,7 +4,9 @@ import difflib
 import logging
 import shlex
 import stat
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from itertools import islice
 from os import PathLike
 from pathlib import Path
@@ -50,6 +52,20 @@ def as_word(name: str | PathLike[str]) -> str:
     """Return a name as one word of a command that is proposed: on one line, quoted for a shell, and never an option."""
     text = one_line(str(name))
     return shlex.quote(f"./{text}" if text.startswith("-") else text)
+
+
+FIRST, NEWEST = 10, 10
+"""Oldest and newest readable version of all formats; the newest is written, versions before named classes."""
+
+
+@contextmanager
+def within(variable: ContextVar[V], value: V) -> Iterator[None]:
+    """Set a variable to a value inside this context."""
+    token = variable.set(value)
+    try:
+        yield
+    finally:
+        variable.reset(token)
 
 
 def study_of(form: str) -> str:

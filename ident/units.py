@@ -6,15 +6,15 @@ number, so that 1 Hz would be 1 rad/s and 60 rpm 6.28 Hz; here the angle is watc
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.text import quoted
+from ident.text import quoted, within
 
 if TYPE_CHECKING:
     import pint
@@ -50,14 +50,9 @@ def asked_postures(postures: Iterable[Sequence[float]]) -> tuple[str, ...]:
     return tuple(f"angles of {each} deg{more}: if they are radians, convert them" for each in doubtful[:1])
 
 
-@contextmanager
-def stiffness_in(unit: str) -> Iterator[None]:
+def stiffness_in(unit: str) -> AbstractContextManager[None]:
     """Show stiffnesses in a unit within, one of `STIFFNESS_UNITS`, in every medium."""
-    token = _STIFFNESS_UNIT.set(unit)
-    try:
-        yield
-    finally:
-        _STIFFNESS_UNIT.reset(token)
+    return within(_STIFFNESS_UNIT, unit)
 
 
 def stiffness_unit() -> tuple[float, str]:

@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.stats import binom
 
 import ident
-from ident.arm.plausibility import belt_mismatches
+from ident.arm.belts import belt_mismatches
 from ident.description.file import parse_arm, read_arm, update_file
 from ident.measure import read_campaign
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import ident
+from ident.studies import MODULES, module_of
+from ident.studies.options import specs
 from ident.studies.result import Alias
 
 HERE = Path(__file__).parents[1]
@@ -106,6 +108,20 @@ def test_each_name_has_a_docstring(name):
     value = getattr(ident, name)
     missing = [member for member, each in [(name, value), *members(value)] if not inspect.getdoc(each)]
     assert not missing
+
+
+@pytest.mark.parametrize("study", [name for name in MODULES if name not in ("export", "show")])
+def test_help_shows_the_keywords_of_a_study(study):
+    module = module_of(study)
+    function, kind = getattr(module, study), getattr(module, f"{study.capitalize()}Options")
+    own = inspect.signature(function.__wrapped__).parameters
+    shown = inspect.signature(function).parameters
+    assert {*own} <= {*shown}
+    offered = {each.name for each, _ in specs(kind)} - {*kind.refuses}
+    assert offered <= {*shown}
+    assert not {*shown} & {*kind.refuses}
+    assert all(f"\n    {name}: " in function.__doc__ for name in shown)
+    assert shown["units"].default == kind().units
 
 
 @by_name

@@ -1,7 +1,9 @@
 """Docstrings as the manual shows them: formulas, which stand indented in the source, as they are."""
 
+import inspect
 import re
 from collections.abc import Iterator
+from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -65,6 +67,19 @@ def aliases_once(app: Sphinx, what: str, name: str, thing: object, options: obje
     lines[:] = kept
 
 
+def inputs_alone(app: Sphinx, thing: Any, bound_method: bool) -> None:
+    """Leave the options of a study out of its signature: the page of its command has them."""
+    if isinstance(getattr(thing, "__signature__", None), inspect.Signature) and hasattr(thing, "__wrapped__"):
+        own, shown = inspect.signature(thing.__wrapped__).parameters, thing.__signature__
+        thing.__signature__ = shown.replace(parameters=[each for name, each in shown.parameters.items() if name in own])
+
+
+def without_keywords(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Leave them out of its docstring, too."""
+    if "Keyword Args:" in lines:
+        del lines[lines.index("Keyword Args:") :]
+
+
 def hide_fields(
     app: Sphinx, what: str, name: str, thing: object, options: object, signature: str | None, returned: str
 ) -> tuple[str, str] | None:
@@ -81,6 +96,8 @@ def dash(app: Sphinx, doctree: nodes.document) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Listen to autodoc, before napoleon does."""
+    app.connect("autodoc-before-process-signature", inputs_alone, priority=300)
+    app.connect("autodoc-process-docstring", without_keywords, priority=300)
     app.connect("autodoc-process-docstring", aliases_once, priority=300)
     app.connect("autodoc-process-docstring", mark_formulas, priority=400)
     app.connect("autodoc-process-signature", hide_fields)

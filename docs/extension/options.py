@@ -1,6 +1,5 @@
 """Directives for a page of a command: its help as the program prints it, its options as the class has them."""
 
-from dataclasses import MISSING, Field
 from typing import Any
 
 from docstrings import paragraph
@@ -31,12 +30,12 @@ class OptionsTable(Directive):
     def run(self) -> list[nodes.Node]:
         """Return the table."""
         from ident.studies import module_of
-        from ident.studies.options import flag_of, specs
+        from ident.studies.options import default_of, flag_of, specs
 
         name = self.arguments[0]
         kind = getattr(module_of(name), f"{name.capitalize()}Options")
         rows = [
-            [f"`{each.name}`", f"`{flag_of(each)}`", default_of(each), range_of(spec), spec.help]
+            [f"`{each.name}`", f"`{flag_of(each)}`", f"`{default_of(each)!r}`", range_of(spec), spec.help]
             for each, spec in specs(kind)
             if each.name not in kind.refuses
         ]
@@ -55,12 +54,6 @@ def help_of(command: str) -> str:
     if answer.exit_code:
         raise ValueError(f"ident {command} --help: {answer.output}")
     return answer.output.strip()
-
-
-def default_of(each: Field[Any]) -> str:
-    """Return an option's default as Python writes it."""
-    value = each.default if each.default is not MISSING else each.default_factory()  # type: ignore[misc]
-    return f"`{value!r}`"
 
 
 def range_of(spec: Any) -> str:

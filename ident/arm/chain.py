@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
+from ident.arm.belts import pin_shares
 from ident.arm.fields import DAMPING, LOSS, STIFFNESS
 from ident.arm.parts import DIRECTIONS, STIFFNESS_OF, CubicSpring, CurvedSprings, Curves, Spring, bends
-from ident.arm.plausibility import pin_shares
 from ident.arm.rotations import identity, matmul, matvec, outer, total, transpose, turn_about
 from ident.errors import ModelError
 from ident.programs import AnyArray

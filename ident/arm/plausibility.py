@@ -1,200 +1,21 @@
-"""Plausibility checks of an arm's numbers: masses, inertias, lengths, and belts that cannot run."""
+"""Implausible numbers of an arm: possible, so that no reader refuses them, but unlikely.
+
+A mass centre beyond its link, an inertia of no body of that size, a stiffness that its load bends by degrees, a
+length in the wrong unit. Each check is a rule of thumb, wide enough that a sound arm passes; each finding names the
+number and what would be expected. Geometry is that of the zero posture, in which all frames are parallel.
+"""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm, inertia_of_mass, stiffness_paths
+from ident.arm.belts import belt_mismatches
 from ident.arm.fields import ALPHA, DAMPING, LOSS, STIFFNESS
-from ident.arm.parts import Belt, Body
-
-# -------- Belt condition
-# Belt condition: pulleys at both ends of a belt must pass the same length of it all along the stroke.
-#
-# Seen from the link along which a belt runs, the driver's pulley turns by theta1 - q1 = (N1 - 1) q1, since its shaft
-# turns by -q1, and the driven one, whose shaft is fixed to the link, by theta2 = N2 q2. With q = alpha direction the
-# belt stays as it is where
-#
-#     r1 (N1 - 1) direction1 = r2 N2 direction2
-#
-# Otherwise one span grows by the difference of both sides times alpha, and the other is slack as soon as that exceeds
-# pretension / stiffness.
-
-
-@dataclass(frozen=True)
-class BeltMismatch:
-    """A belt that cannot run along the stroke.
-
-    Attributes:
-        belt: name of the belt.
-        stretch: () [m] elongation of one span over the stroke, and shortening of the other.
-        allowed: () [m] stretch at which the other span is slack: pretension / stiffness.
-        drive: name of the driven joint's drive.
-        ratio: () [-] of that drive that would keep the stretch at zero.
-        radius: () [m] of the driven pulley that would; not positive where no radius does.
-    """
-
-    belt: str
-    stretch: float
-    allowed: float
-    drive: str
-    ratio: float
-    radius: float
-
-    def __str__(self) -> str:
-        radius = f", or {self.belt}.driven_radius = {1e3 * self.radius:.6g} mm" if self.radius > 0 else ""
-        return (
-            f"{self.belt} would stretch by {1e3 * self.stretch:.4g} mm over the stroke, {1e3 * self.allowed:.4g} mm "
-            f"slackens it; it runs with {self.drive}.ratio = {self.ratio:.6g}{radius}"
-        )
-
-
-def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
-    """Return the belts that become slack somewhere along the stroke; none without a stroke.
-
-    Args:
-        arm: one arm, with concrete numbers.
-    """
-    if arm.stroke is None:
-        return ()
-    names = [joint.name for joint in arm.driven]
-    shares = dict(zip(names, np.asarray(arm.stroke.direction).tolist(), strict=True))
-    drives = {drive.joint: drive for drive in arm.drives}
-    way = abs(float(arm.stroke.folded) - float(arm.stroke.unfolded))
-    pairs = ((belt, drives[belt.driver], drives[belt.driven]) for belt in arm.belts)
-    found = []
-    for belt, one, other in pairs:
-        share = shares[belt.driven]
-        passed = float(belt.driver_radius) * (float(one.ratio) - 1) * shares[belt.driver]
-        stretch = abs(passed - float(belt.driven_radius) * float(other.ratio) * share) * way
-        stiffness = float(belt.stiffness)
-        allowed = float(belt.pretension) / stiffness if stiffness else float("inf")
-        ratio, radius = (
-            passed / (float(x) * share) if float(x) * share else float("nan") for x in (belt.driven_radius, other.ratio)
-        )
-        if stretch > allowed:
-            found.append(BeltMismatch(belt.name, stretch, allowed, other.name, ratio, radius))
-    return tuple(found)
-
-
-def pin_shares(arm: "Arm", joint: str) -> dict[str, Any]:
-    """Return the turn of each joint's pin per turn of one joint's pin (1), for the joints tied to it by belts, by name.
-
-    By the condition above; differentiable in the arm's numbers.
-    """
-    drives, shares = {drive.joint: drive for drive in arm.drives}, dict[str, Any]({joint: 1.0})
-    order = [each.name for each in arm.joints]
-    outwards = sorted(arm.belts, key=lambda belt: order.index(belt.driver))
-
-    def passed_on(belt: Belt) -> Any:
-        """Return direction2 / direction1."""
-        one, other = drives[belt.driver].ratio, drives[belt.driven].ratio
-        return belt.driver_radius * (one - 1) / (belt.driven_radius * other)
-
-    for belt in outwards:
-        if belt.driver in shares:
-            shares[belt.driven] = shares[belt.driver] * passed_on(belt)
-    for belt in reversed(outwards):
-        if belt.driven in shares and belt.driver not in shares:
-            shares[belt.driver] = shares[belt.driven] / passed_on(belt)
-    return shares
-
-
-# -------- Oddity geometry
-# Sizes of an arm in its zero posture, where all frames are parallel: links, reach, and the load of each bushing.
-
-
-@dataclass(frozen=True)
-class Link:
-    """The bodies of a joint's link or shaft, and its end.
-
-    Attributes:
-        bodies: on the link, or on the shaft; payloads among those of the link.
-        end: (3,) [m] the next bushing, or the farthest point, from the joint's own; zero for a shaft.
-    """
-
-    bodies: tuple[Body, ...]
-    end: Float[np.ndarray, "3"]
-
-
-@dataclass(frozen=True)
-class Carried:
-    """The bodies beyond a bushing, in the zero posture and without payloads.
-
-    Attributes:
-        mass: [kg]
-        distance: [m] of its mass centre from the bushing.
-        inertia: [kg m^2] its largest principal moment about the bushing.
-    """
-
-    mass: float
-    distance: float
-    inertia: float
-
-
-def link_end(arm: Arm, place: int) -> Float[np.ndarray, "3"]:
-    """Return the end of a joint's link (3,) [m]: the next bushing, or its farthest point or mass centre."""
-    if place + 1 < len(arm.joints):
-        return np.asarray(arm.joints[place + 1].offset, float)
-    joint = arm.joints[place]
-    places = [np.asarray(point.position, float) for point in arm.points if point.joint == joint.name]
-    places = places or [np.asarray(body.com, float) for body in joint.link] or [np.zeros(3)]
-    return max(places, key=lambda each: float(np.linalg.norm(each)))
-
-
-def links(arm: Arm) -> tuple[Link, ...]:
-    """Return shaft and link of every joint, from the base outwards."""
-    found = []
-    for place, joint in enumerate(arm.joints):
-        bodies = (*joint.link, *(payload.body for payload in arm.payloads if payload.joint == joint.name))
-        found += [Link(joint.shaft, np.zeros(3)), Link(bodies, link_end(arm, place))]
-    return tuple(found)
-
-
-def reach_of(arm: Arm) -> float:
-    """Return the length of the stretched arm [m]: from bushing to bushing, and to the end of the last link."""
-    return float(sum(np.linalg.norm(link_end(arm, place)) for place in range(len(arm.joints))))
-
-
-def carried(arm: Arm) -> tuple[Carried, ...]:
-    """Return the mass and inertia beyond each bushing."""
-    mass, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
-    found = []
-    for joint in reversed(arm.joints):
-        for body in (*joint.shaft, *joint.link):
-            m, r, inertia = float(body.mass), np.asarray(body.com, float), np.asarray(body.inertia, float)
-            mass, first = mass + m, first + m * r
-            second = second + m * np.outer(r, r) + np.trace(inertia) / 2 * np.eye(3) - inertia
-        moments = np.linalg.eigvalsh(np.trace(second) * np.eye(3) - second)
-        found.append(Carried(mass, float(np.linalg.norm(first)) / mass if mass else 0.0, float(moments[-1])))
-        d = np.asarray(joint.offset, float)
-        second = second + np.outer(first, d) + np.outer(d, first) + mass * np.outer(d, d)
-        first = first + mass * d
-    return tuple(reversed(found))
-
-
-def to_segment(place: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> float:
-    """Return the distance [m] of a place from the segment between the origin and an end."""
-    square = float(end @ end)
-    share = np.clip(float(place @ end) / square, 0.0, 1.0) if square else 0.0
-    return float(np.linalg.norm(place - share * end))
-
-
-def to_box(end: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> float:
-    """Return the distance [m] of a box from the segment between the origin and an end, to a hundredth of its length."""
-    places = np.linspace(0.0, 1.0, 101)[:, None] * end
-    return float(np.linalg.norm(places - np.clip(places, box[0], box[1]), axis=1).min())
-
-
-# -------- Oddities
-# Implausible numbers of an arm: possible, so that no reader refuses them, but unlikely.
-#
-# A mass centre beyond its link, an inertia of no body of that size, a stiffness that its load bends by degrees, a
-# length in the wrong unit. Each check is a rule of thumb, wide enough that a sound arm passes; each finding names the
-# number and what would be expected. Geometry is that of the zero posture, in which all frames are parallel.
+from ident.arm.parts import Body
+from ident.arm.sizes import Link, carried, link_end, links, reach_of, to_box, to_segment
 
 LONGEST, SHORTEST = 20.0, 0.05
 """Reach [m] beyond which metres and millimetres were probably mixed up."""

@@ -13,7 +13,7 @@ import numpy as np
 import tomlkit
 from jaxtyping import Float
 
-from ident.arm.arm import Arm, check_size, loss_paths, massless_joints, on_soft_base
+from ident.arm.arm import Arm, check_arm, check_size, loss_paths, massless_joints, on_soft_base
 from ident.arm.parts import Payload, Point
 from ident.description.problems import Source, lines_of, load_toml
 from ident.description.rewriting import (
@@ -122,6 +122,16 @@ class ArmFile:
         line = self.lines.get(problem.column)
         where = one_line(self.path) + (f":{line}" if line else "")
         return replace(problem, where=where) if problem.where == ARM_FILE and where else problem
+
+    def replace(self, values: Mapping[str, float]) -> "ArmFile":
+        """Return the arm with these numbers [SI] at these paths, as `link2.mass`; it is no longer that of a file.
+
+        Raises:
+            InputError: a path names no number of the arm, or no arm can have the number.
+        """
+        check_arm(changed := self.arm.replace(values))
+        origins = {path: origin for path, origin in self.origins.items() if path not in values}
+        return replace(self, arm=changed, path="", sha256="", origins=origins, bushings=None, lines={})
 
     @property
     def name(self) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Hashable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -194,6 +194,12 @@ class CampaignFit(Fit):
     def fitted_arm(self) -> Arm:
         """The arm with the fitted numbers in place."""
         return self.posed.applied(self.parameters)[0]
+
+    def state(self) -> dict[str, Any]:
+        """Return the numbers from which the fit can be rebuilt, see `ident.identify.stored`."""
+        from ident.identify.stored import fit_state
+
+        return fit_state(self)
 
     @property
     def posed(self) -> Posed:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -229,6 +230,11 @@ class Growing:
         raise NotImplementedError
 
 
+def one_part(whole: Any) -> list[Any]:
+    """Return the whole as its only part; a function of the module, so that a fit can be pickled."""
+    return [whole]
+
+
 class Parts(NamedTuple):
     """A model in parts of one size, so that one program of bounded memory serves all.
 
@@ -243,8 +249,8 @@ class Parts(NamedTuple):
     models: tuple[Any, ...]
     source: np.ndarray
     places: np.ndarray
-    split: Callable[[Any], list[Any]] = lambda held: [held]
-    joined: Callable[[list[Any]], Any] = lambda each: each[0]
+    split: Callable[[Any], list[Any]] = one_part
+    joined: Callable[[list[Any]], Any] = itemgetter(0)
 
 
 class InParts(NamedTuple):

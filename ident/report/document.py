@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.errors import InputError, refusal
-from ident.files import leads_away, replace_file
+from ident.files import leads_away, replace_file, write_text
 from ident.report.report import Finding, Report, Section, Table, Verdict, written
-from ident.text import LARGEST_BINARY, one_line, quoted, read_bytes, study_of
+from ident.text import FIRST, LARGEST_BINARY, NEWEST, one_line, quoted, read_bytes, study_of
 from ident.text import decode as decode_text
 
 if TYPE_CHECKING:
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 LIBRARIES = ("ident-arm", "jax", "optimistix", "emcee", "arviz", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
-FIRST, NEWEST = 10, 10
-"""Oldest and newest readable version of all formats; the newest is written, versions before named classes."""
 WIDTH = 160
 """Longest line of a file, except lines of numbers."""
 
@@ -66,8 +64,7 @@ def _versions() -> dict[str, str]:
 
 def write_json(document: Mapping[str, Any], path: Path) -> None:
     """Write a document completely or not at all."""
-    text = _laid_out(document) + "\n"
-    replace_file(path, lambda file: file.write(text.encode("utf-8", "backslashreplace")), make_folders=True)
+    write_text(path, _laid_out(document) + "\n")
 
 
 def read_document(path: str | Path, expected: str) -> dict[str, Any]:

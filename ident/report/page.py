@@ -22,7 +22,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from ident.files import replace_file
+from ident.files import write_text
 from ident.text import one_line
 
 if TYPE_CHECKING:
@@ -141,8 +141,7 @@ def template_of(package: str, file: str) -> Template:
 
 def write_page(page: Page, path: Path) -> None:
     """Write a page as HTML, completely or not at all."""
-    text = render(page).encode("utf-8")
-    replace_file(path, lambda file: file.write(text), make_folders=True)
+    write_text(path, render(page))
 
 
 def shown(value: object) -> object:

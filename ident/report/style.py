@@ -4,18 +4,25 @@ Texts from files are drawn literally: a `$` in a name is no formula (`parse_math
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, Locator, LogLocator, MaxNLocator, NullLocator
+
+from ident.errors import refusal
+from ident.text import within
 
 if TYPE_CHECKING:
     from ident.arm.modes import Label
@@ -51,10 +58,68 @@ def rows(axes: Axes, labels: Sequence[str], *, side: str = "left") -> None:
 def titled(
     size: tuple[float, float], title: str, pads: tuple[float, float] = (0.08, 0.06), wspace: float = 0.02
 ) -> Figure:
-    """Return an empty figure of a size [inch] under a title, with the pads of matplotlib's constrained layout."""
+    """Return an empty figure of a size [inch] under a title, with the pads of matplotlib's constrained layout.
+
+    Inside `drawn_into` the first figure stands for the axes given there.
+    """
+    if waiting := WAITING.get():
+        return _Panel(waiting.pop(), title)  # type: ignore[return-value]
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=pads[0], h_pad=pads[1], wspace=wspace))
     figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
     return figure
+
+
+WAITING: ContextVar[list[Axes]] = ContextVar("WAITING", default=[])  # noqa: B039  (never appended to)
+"""Axes of a user that the next figure is drawn into."""
+
+
+@contextmanager
+def drawn_into(axes: Axes) -> Iterator[None]:
+    """Draw the first figure that is made inside this context into given axes.
+
+    Raises:
+        InputError: it has several panels, or there is none.
+    """
+    with within(WAITING, waiting := [axes]):
+        yield
+    if waiting:
+        raise _not_one_panel()
+
+
+def _not_one_panel() -> Exception:
+    return refusal("ax", "axes", "none, as the main figure does not have one panel", "call figures() without them")
+
+
+class _Panel:
+    """Stands for a figure of one panel, drawn into given axes: title and key are put around these."""
+
+    def __init__(self, axes: Axes, title: str):
+        self.axes, self.title = axes, title
+
+    def __getattr__(self, name: str) -> Any:
+        raise _not_one_panel()
+
+    def subplots(self, rows: int = 1, columns: int = 1, *, squeeze: bool = True, **_: Any) -> Any:
+        if rows * columns > 1:
+            raise _not_one_panel()
+        self.axes.set_title(self.title, parse_math=False, fontsize=10, fontweight="bold")
+        return self.axes if squeeze else np.array([[self.axes]])
+
+    def add_subplot(self, rows: int = 1, columns: int = 1, number: int = 1) -> Axes:
+        axes: Axes = self.subplots(rows, columns)
+        return axes
+
+    def colorbar(self, drawn: Any, **more: Any) -> Colorbar:
+        return self.axes.figure.colorbar(drawn, **more)
+
+    def align_ylabels(self, axes: Any) -> None:
+        pass
+
+    def legend(self, handles: Sequence[Any], **look: Any) -> Legend:
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
+        key = Legend(self.axes, handles, [each.get_label() for each in handles], **(look | below))
+        self.axes.add_artist(key).set_clip_on(False)
+        return key
 
 
 def note(axes: Axes, text: str, at: tuple[Any, Any], offset: tuple[float, float] = (0, 0), **more: Any) -> None:

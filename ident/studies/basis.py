@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from ident.arm.belts import belt_mismatches
 from ident.arm.multibody import exciting_orders, has_transmission_error
-from ident.arm.plausibility import belt_mismatches
 from ident.report.report import Finding, Section, cut
 from ident.report.words import MM, arc_seconds, counted, degrees, sentence, unit_of
 from ident.text import as_word

@@ -7,7 +7,7 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ident.errors import InputError, Problem
-from ident.studies.options import specs
+from ident.studies.options import default_of, specs
 from ident.studies.shared import UnitOptions, as_campaign, as_file, as_log
 from ident.studies.values import drawn_values, fitted_values
 from ident.text import did_you_mean
@@ -56,7 +56,7 @@ def _trace(trace: Any, known: Mapping[str, Any]) -> "Trace":
     return trace if isinstance(trace, Trace) else read_trace(trace, known["options"].columns)
 
 
-CAMPAIGN = Input("Campaign", "Campaign | str | Path", lambda campaign, known: as_campaign(campaign))
+CAMPAIGN = Input("Campaign", "Campaign | pandas.DataFrame | str | Path", lambda campaign, known: as_campaign(campaign))
 INPUTS = {
     "arm": Input("ArmFile", "Arm | ArmFile | str | Path", lambda arm, known: as_file(arm, known["options"].soft_base)),
     "campaign": CAMPAIGN,
@@ -73,8 +73,8 @@ def study(function: Callable[..., R]) -> Callable[..., R]:
     """Make a study from a function of values: users may also give files and results, and options as keywords.
 
     A parameter of `INPUTS` is read if the function annotates it with the value's type; others are passed on unread.
-    Keywords as in `fit(arm, campaign, fix="*.k_bend")` update the given or the default options. `help` shows the types
-    that users may give.
+    Keywords as in `fit(arm, campaign, fix="*.k_bend")` update the given or the default options. Signature and `help`
+    show these, and the types that users may give.
 
     Raises:
         InputError: a keyword that is no option of the study, or an unreadable input.
@@ -120,7 +120,14 @@ def study(function: Callable[..., R]) -> Callable[..., R]:
         none = " | None" * parameter.annotation.endswith(" | None")
         return parameter.replace(annotation=read[parameter.name].given + none)
 
-    signature = own.replace(parameters=[shown(each) for each in own.parameters.values()])
+    offered = [(each, spec) for each, spec in specs(kind) if each.name not in (*kind.refuses, *own.parameters)]
+    keywords = [
+        inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=default_of(each), annotation=each.type)
+        for each, _ in offered
+    ]
+    signature = own.replace(parameters=[*map(shown, own.parameters.values()), *keywords])
+    lines = "".join(f"\n        {each.name}: {spec.help}." for each, spec in offered)
+    call.__doc__ = inspect.cleandoc(function.__doc__ or "") + f"\n\nKeyword Args:{lines}".replace("\n    ", "\n")
     call.__signature__ = signature  # type: ignore[attr-defined]
     given_types = {each.name: each.annotation for each in signature.parameters.values()}
     call.__annotations__ = call.__annotations__ | given_types

@@ -1,7 +1,6 @@
 """Shared by the studies that move an arm: options of the motion, and the basis of a simulation."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,7 +26,6 @@ PHASES = ("unknown", "file")
 """Choices for the phases of the rotating unbalance."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class MovingOptions(ArmOptions, SamplesOptions):
     """The motion of the arm, its load, and its changed numbers."""
 
@@ -59,7 +57,6 @@ class MovingOptions(ArmOptions, SamplesOptions):
         return arm, Unknowns()
 
 
-@dataclass(frozen=True, kw_only=True)
 class HeldMotionOptions(MovingOptions):
     """The same, and the dwell at the end."""
 

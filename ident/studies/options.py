@@ -6,10 +6,10 @@ Both `ident --help` and the checks of command line and Python follow from these.
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Self, get_args, get_origin
+from typing import Any, ClassVar, Self, dataclass_transform, get_args, get_origin
 
 from ident.errors import InputError, Problem, refusal
 from ident.text import did_you_mean
@@ -94,9 +94,10 @@ def seed_of_draws() -> Any:
     return option(None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18)
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True)
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a study, checked at construction.
+    """Options of a study, checked at construction: a frozen dataclass of keywords, as each of its subclasses.
 
     Raises:
         InputError: a value out of its range, with the option's name.
@@ -106,6 +107,10 @@ class Options:
     """Shared options that this study does not accept: help does not offer them."""
     instead: ClassVar[str] = "leave it out; `ident fit` takes it"
     """Remedy for such an option."""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        dataclass(frozen=True, kw_only=True)(cls)
 
     def __post_init__(self) -> None:
         problems = []
@@ -193,6 +198,11 @@ def _misfit(value: Any, kind: Any) -> str:
 def specs(kind: type[Options]) -> list[tuple[Field[Any], Spec]]:
     """Return the options of a class in order, each with its description."""
     return [(each, each.metadata["spec"]) for each in fields(kind) if "spec" in each.metadata]
+
+
+def default_of(each: Field[Any]) -> Any:
+    """Return the default of an option."""
+    return each.default if each.default is not MISSING else each.default_factory()  # type: ignore[operator]
 
 
 def flag_of(each: Field[Any]) -> str:

@@ -8,21 +8,22 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import wraps
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast, dataclass_transform, get_args
 
 from ident.errors import InputError, ModelError, refusal
 from ident.report.report import WIDTH, Report, html_of, text_of
 from ident.studies import STUDIES, module_of
 from ident.studies.options import Options
-from ident.text import as_word, one_line, study_of
+from ident.text import NEWEST, as_word, one_line, study_of, within
 from ident.units import USUAL, stiffness_in
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ident.identify.fit import CampaignFit
@@ -37,7 +38,7 @@ LONGEST_TEXT = 5_000_000
 """Largest stored text [bytes]; of a longer one only path and hash are stored."""
 
 SHOWING = (
-    *("sections", "figures", "html", "save_figures"),
+    *("sections", "_figures", "html", "save_figures"),
     *("frequency_figure", "path_figure", "animation", "_write"),
 )
 """Methods that show stiffnesses in display units."""
@@ -91,11 +92,8 @@ FOLDER = ContextVar("FOLDER", default=Path("out"))
 @contextmanager
 def kept_in(folder: Path) -> Iterator[None]:
     """Let reports made inside this context name files in this folder."""
-    token = FOLDER.set(folder)
-    try:
+    with within(FOLDER, folder):
         yield
-    finally:
-        FOLDER.reset(token)
 
 
 LONG = ("sample", "diagnose", "fleet")
@@ -205,16 +203,6 @@ def _in_its_unit(show: Callable[..., R]) -> Callable[..., R]:
     return shown
 
 
-def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any], Figures]":
-    """Wrap a method that draws figures so that it returns `Figures`."""
-
-    @wraps(draw)
-    def figures(self: "Result") -> Figures:
-        return Figures({word or self.main_figure: figure for word, figure in draw(self).items()})
-
-    return figures
-
-
 class Alias(property):
     """A property forwarded from the value of a study; its docstring is its line among the `Attributes` of the class."""
 
@@ -241,6 +229,9 @@ class Reported:
     def __str__(self) -> str:
         return self.report()
 
+    def __repr__(self) -> str:
+        return f"<ident {type(self).__name__} {getattr(self, 'name', '')}: print it for the report>"
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Differences between the arm and its robot description."""
@@ -253,6 +244,12 @@ class Reported:
     def document(self) -> dict[str, Any]:
         """Return the same for programs."""
         raise NotImplementedError
+
+    @property
+    def verdict(self) -> str | None:
+        """Word of the verdict in the report, as GOOD; None for a study that judges nothing."""
+        verdict = self.sections().verdict
+        return verdict.word if verdict else None
 
     def _repr_html_(self) -> str:
         """Return the first screen as HTML for a notebook."""
@@ -273,31 +270,30 @@ class Reported:
         return text_of(self.sections(), details=details, width=width, colour=colour)
 
 
-@dataclass(frozen=True, repr=False, eq=False)
+@dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(field,))
 class Result(Reported):
-    """Result of a study, with its inputs and options.
+    """Result of a study, with its inputs and options: a frozen dataclass, as each of its subclasses.
 
     `print(result)` prints what the command prints; `ident.load` reads a saved result again. Results are compared by
     identity: they hold too many numbers for equality to be meaningful.
     """
 
     form: ClassVar[str]
-    """Format and version of its file."""
+    """Format and version of its file: by default named by the study's module."""
     suffix: ClassVar[str] = ".json"
     """Ending of its file's name."""
     subject: ClassVar[str]
     """Path to the name of the studied object."""
     shown: ClassVar[tuple[str, ...]]
-    """The fields behind its report, figure and table."""
+    """The fields behind its report, figure and table; by default the first one that is neither arm nor label."""
     drawn: ClassVar[tuple[str, ...] | None] = None
     """The fields behind its figure, if they differ; empty without a figure."""
     listed: ClassVar[tuple[str, ...] | None] = None
     """The fields behind its table, if they differ."""
     made_from: ClassVar[tuple[str, ...]]
     """Paths to its inputs, or to several by name; the name is the end of the path, or given by `path as name`."""
-    summary: ClassVar[tuple[str, ...]] = ()
-    """Content of its file besides the table: paths to properties."""
-
+    summarised: ClassVar[tuple[str, ...]] = ()
+    """Content of its file besides the table: names or paths of properties."""
     numbers: ClassVar[tuple[str, ...]] = ()
     """Its essential numbers, as paths; all must be finite, else there is no result."""
 
@@ -311,13 +307,14 @@ class Result(Reported):
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
+        if "form" not in cls.__dict__:
+            cls.form = f"ident-{cls.__module__.rpartition('.')[2]}/{NEWEST}"
         for name in SHOWING:
             if name in cls.__dict__:
                 setattr(cls, name, _in_its_unit(cls.__dict__[name]))
-        cls.figures = _with_names(cls.figures)  # type: ignore[method-assign]
-
-    def __repr__(self) -> str:
-        return f"<ident {type(self).__name__} {self.name}: print it for the report>"
+        dataclass(frozen=True, repr=False, eq=False)(cls)
+        if not hasattr(cls, "shown"):
+            cls.shown = (next(each.name for each in fields(cls) if each.name not in ("arm", "label")),)  # type: ignore[arg-type]
 
     @property
     def name(self) -> str:
@@ -377,15 +374,39 @@ class Result(Reported):
         again = "{campaign}" in words or "{result}.csv" in words
         return f"{filled}  (with the same options)" if posed and again else filled
 
+    def figures(self, ax: "Axes | None" = None) -> Figures:
+        """Return matplotlib figures by name; the main one has the study's name, and files without a further word.
+
+        Args:
+            ax: draw the main figure into these axes, if it has one panel.
+
+        Raises:
+            InputError: `ax` for a figure of several panels.
+        """
+        if ax is None:
+            drawn = self._figures()
+        else:
+            from ident.report.style import drawn_into
+
+            with drawn_into(ax):
+                drawn = self._figures()
+            drawn = {**drawn, next(iter(drawn)): cast("Figure", ax.figure)}
+        return Figures({word or self.main_figure: figure for word, figure in drawn.items()})
+
     @_in_its_unit
-    def figures(self) -> "dict[str, Figure]":
-        """Return matplotlib figures by name; the main one has the study's name, and files without a further word."""
+    def _figures(self) -> "Mapping[str, Figure]":
+        """Return the figures, the main one first and without a name."""
         return {} if self.drawn == () else {"": self._present("_figure", "figure")}
 
     def table(self) -> list[dict[str, Any]]:
         """Return the main numbers as rows, for `pandas.DataFrame`."""
         rows: list[dict[str, Any]] = self._present("_report", "rows")
         return rows
+
+    @property
+    def summary(self) -> Mapping[str, Any]:
+        """Its main numbers besides the table, by name [SI]; those that its file has."""
+        return {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summarised}
 
     def document(self) -> dict[str, Any]:
         """Return for programs its provenance, summary and table."""
@@ -395,8 +416,7 @@ class Result(Reported):
         from ident.report.document import plain
 
         notes = {"notes": list(self.notes)} if self.notes else {}
-        summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
-        return {**head, **notes, **plain({**self.sections().judged, "summary": summary, "table": self.table()})}
+        return {**head, **notes, **plain({**self.sections().judged, "summary": self.summary, "table": self.table()})}
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, all of them or none, and return their paths; files of the same name are replaced.
@@ -488,10 +508,6 @@ class Result(Reported):
         """The fit of the result, or the fit it started from; None for a study without one."""
         return None
 
-    def _fit_state(self) -> dict[str, Any] | None:
-        """Return the numbers of that fit."""
-        return None
-
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the files of a result, by default the one for `ident.load`."""
         from ident.report.document import write_json
@@ -515,7 +531,7 @@ class Result(Reported):
             **document,
             "name": self.name,
             "standard_errors": plain(self.standard_errors()),
-            "fit": self._fit_state(),
+            "fit": self.fitted and plain(self.fitted.state(), repr),
             "texts": texts,
             "report": report_data(self.sections()),
         }

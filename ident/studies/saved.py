@@ -17,7 +17,7 @@ from ident.errors import InputError, Problem, refusal
 from ident.report.report import Report, text_of
 from ident.studies import STUDIES, module_of
 from ident.studies.options import Options
-from ident.studies.result import Reported, Result, input_of
+from ident.studies.result import Reported, input_of
 from ident.text import one_line, quoted, study_of
 
 if TYPE_CHECKING:
@@ -113,8 +113,13 @@ class Saved(Reported):
             return known["summary"][name]
         raise AttributeError(f"a saved {known.get('study', 'result')} has no {name}: see ident.rerun(path).now")
 
-    def __repr__(self) -> str:
-        return f"<ident Saved {self.name}: print it for the report>"
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.summary]
+
+    @property
+    def verdict(self) -> Any:
+        """Word of the verdict in the report; of a diagnosis its `verdict`, as the live result has it."""
+        return self.summary.get("verdict", super().verdict)
 
     def sections(self) -> Report:
         """Return the stored report of the result."""
@@ -190,18 +195,6 @@ class Saved(Reported):
 def reading(result: Reported) -> AbstractContextManager[None]:
     """Refuse the file of a saved result if reading its numbers fails inside this context."""
     return result._read() if isinstance(result, Saved) else nullcontext()
-
-
-class FromFit(Result):
-    """A result whose file stores its fit."""
-
-    def _fit_state(self) -> dict[str, Any]:
-        from ident.identify.stored import fit_state
-        from ident.report.document import plain
-
-        assert self.fitted
-        state: dict[str, Any] = plain(fit_state(self.fitted), repr)
-        return state
 
 
 def load(path: str | Path) -> Saved:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -15,6 +15,8 @@ from ident.text import one_line
 from ident.units import STIFFNESS_UNITS, USUAL
 
 if TYPE_CHECKING:
+    import pandas
+
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.unknowns import Unknowns
@@ -26,7 +28,6 @@ FARTHEST = 3600.0
 """Largest joint angle [deg], ten turns, as in a log."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class UnitOptions(Options):
     """The unit in which stiffnesses are shown."""
 
@@ -39,7 +40,6 @@ class UnitOptions(Options):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class SamplesOptions(UnitOptions):
     """The columns of files of samples."""
 
@@ -50,7 +50,6 @@ class SamplesOptions(UnitOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class BaseOptions(UnitOptions):
     """The base of an arm."""
 
@@ -62,7 +61,6 @@ class BaseOptions(UnitOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class ProblemOptions(BaseOptions):
     """The unknowns of an arm, and their priors."""
 
@@ -138,7 +136,6 @@ class ProblemOptions(BaseOptions):
         return Unknowns(self.fix, self.tie, self.free, width, prior, self.discrepancy, self.uncertain)
 
 
-@dataclass(frozen=True, kw_only=True)
 class ArmOptions(BaseOptions):
     """The load of an arm, and its changed numbers."""
 
@@ -170,7 +167,6 @@ class ArmOptions(BaseOptions):
         return [*super().problems(), *bad]
 
 
-@dataclass(frozen=True, kw_only=True)
 class RunsOptions(ArmOptions, SamplesOptions):
     """Options of a study of a table of runs: the table has the load of the arm."""
 
@@ -251,12 +247,15 @@ def as_log(path: "Log | str | Path", arm: "Arm", columns: Mapping[str, str]) -> 
     return path if isinstance(path, Log) else read_log(path, [joint.name for joint in arm.driven], columns)
 
 
-def as_campaign(campaign: "Campaign | str | Path") -> "Campaign":
-    """Return a campaign, read from its file if need be."""
+def as_campaign(campaign: "Campaign | pandas.DataFrame | str | Path") -> "Campaign":
+    """Return a campaign, read from its file, or from a frame with the columns of a file, if need be."""
     from ident.measure import Campaign, read_campaign
+    from ident.measure.reading import parse_campaign
 
     if isinstance(campaign, str | Path):
         return read_campaign(campaign)
+    if hasattr(campaign, "to_csv"):
+        return replace(parse_campaign(campaign.to_csv(index=False).encode("utf-8"), "campaign"), path="")
     if not isinstance(campaign, Campaign):
         raise refusal("campaign", f"a {type(campaign).__name__}", "a campaign, or its file", "see ident.read_campaign")
     return campaign

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ from numpy.polynomial import Polynomial
 from ruckig import InputParameter, Result, Ruckig, Trajectory
 
 from ident.arm.arm import Arm, Joint
+from ident.arm.chain import Loads
 from ident.arm.multibody import Command, Multibody
 from ident.arm.parts import Stroke
 from ident.errors import ModelError, Problem, refusal, refuse
@@ -128,6 +130,23 @@ class Motion(eqx.Module):
         s = percent / 100
         powers = np.arange(len(self.coefficients))[::-1, None, None]
         return Motion(self.name, self.breaks / s, self.coefficients * s**powers, self.arrival / s)
+
+
+@dataclass(frozen=True)
+class MovingTrace:
+    """A trace of the moving arm.
+
+    Attributes:
+        time: (T,) [s] uniform, on the motion's clock up to a small offset.
+        values: (T,) [any] displacement, velocity or acceleration in one direction.
+        motion: the commanded motion.
+        loads: the load case.
+    """
+
+    time: Float[np.ndarray, "T"]
+    values: Float[np.ndarray, "T"]
+    motion: Motion
+    loads: Loads | None = None
 
 
 def last_before(starts: Float[AnyArray, "n"], time: Float[AnyArray, "*t"]) -> Int[AnyArray, "*t"]:

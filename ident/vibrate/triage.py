@@ -34,10 +34,9 @@ from scipy.sparse import csr_array, diags_array, hstack
 from scipy.special import logit
 
 from ident.arm.arm import Arm, nominal
-from ident.arm.chain import Loads
 from ident.vibrate.branches import Branches, branches
 from ident.vibrate.hypotheses import COST, TRACKS, probability, score
-from ident.vibrate.motion import Motion
+from ident.vibrate.motion import Motion, MovingTrace
 from ident.vibrate.response import runs
 from ident.vibrate.spectra import samples
 
@@ -87,23 +86,6 @@ STANDS_OUT = 5.0
 
 Kind = Literal["drive", "mode", "kicks", "line", "unexplained"]
 Next = Literal["source", "profile", "standstill", "speed", "modes", "kicks"]
-
-
-@dataclass(frozen=True)
-class MovingTrace:
-    """A trace of the moving arm.
-
-    Attributes:
-        time: (T,) [s] uniform, on the motion's clock up to a small offset.
-        values: (T,) [any] displacement, velocity or acceleration in one direction.
-        motion: the commanded motion.
-        loads: the load case.
-    """
-
-    time: Float[np.ndarray, "T"]
-    values: Float[np.ndarray, "T"]
-    motion: Motion
-    loads: Loads | None = None
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
+from ident.arm.belts import belt_mismatches
 from ident.arm.multibody import multibody, stretch
-from ident.arm.plausibility import belt_mismatches
 from ident.description.file import read_arm, update_file
 
 DIRECTION = np.array([1.0, -2.0, 1.0])

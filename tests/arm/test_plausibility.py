@@ -9,7 +9,8 @@ from mistakes import found as found_mistakes
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Body, Joint, Point
-from ident.arm.plausibility import MOST_GIVING, behaviour_oddities, carried, oddities, reach_of, to_box, to_segment
+from ident.arm.plausibility import MOST_GIVING, behaviour_oddities, oddities
+from ident.arm.sizes import carried, reach_of, to_box, to_segment
 from ident.description.file import parse_document, read_arm
 from ident.errors import InputError
 

@@ -3,7 +3,7 @@
 import json
 import math
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,7 +26,6 @@ from ident.studies.stiffness.profile import ProfileOptions
 from ident.vibrate.motion import FASTEST
 
 
-@dataclass(frozen=True, kw_only=True)
 class Drawn(Options):
     count: int = option(3, "how many", low=1)
     step_size: float = option(0.5, "how far [mm]", above=0.0, flag="--by", argument="step")

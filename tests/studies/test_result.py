@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -196,7 +197,7 @@ def test_the_next_command_names_files_in_the_folder_that_is_written():
 RESULTS = [
     each for name in ident.__all__ if name.endswith("Result") and issubclass(each := getattr(ident, name), Result)
 ]
-ANSWERS = {"short", "doubtful", "fitted"}
+ANSWERS = {"short", "doubtful", "fitted", "verdict"}
 """What every result is asked, and may answer by an alias."""
 
 
@@ -209,6 +210,14 @@ def test_an_alias_has_a_docstring_and_takes_no_name_of_all_results(kind):
     assert {name for name in aliases(kind) if hasattr(Result, name)} <= ANSWERS
     assert all(each.__doc__ for each in aliases(kind).values())
     assert aliases(kind).keys() <= set(dir(kind))
+
+
+@pytest.mark.parametrize("kind", RESULTS)
+def test_a_result_has_what_its_file_says_and_no_value_has_a_name_of_all_results(kind):
+    names = {each.name for each in fields(kind)}
+    assert {path.rpartition(".")[2] for path in kind.summarised} <= {*names, *dir(kind)}
+    assert not names & {*dir(Result)}
+    assert kind.shown
 
 
 def test_an_alias_is_a_property_of_the_value_it_names():

@@ -9,9 +9,9 @@ from reports import assert_one_screen, too_wide
 
 import ident
 from ident.errors import InputError
-from ident.report.document import FIRST, NEWEST
 from ident.studies import STUDIES, module_of
 from ident.studies.values import drawn_values, fitted_values
+from ident.text import FIRST, NEWEST
 
 FOLDER = Path(__file__).parents[1] / "data" / "results"
 SOURCE = FOLDER / "10" / "runs.source.json"
@@ -42,6 +42,7 @@ def test_it_is_read_and_shows_one_screen(path):
     assert saved.table()
     assert saved.document()["format"] == saved.form
     assert saved.inputs
+    assert {*saved.summary, "verdict", "table"} <= {*dir(saved)}
 
 
 @pytest.mark.parametrize("path", WITH_FIT, ids=lambda path: path.name)

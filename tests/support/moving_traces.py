@@ -7,9 +7,9 @@ import numpy as np
 from arms import lcd_arm
 
 from ident.arm.arm import Arm
-from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.motion import Motion, MovingTrace, stroke
 from ident.vibrate.simulate import Superposition, superposition
-from ident.vibrate.triage import Finding, MovingTrace, Triage
+from ident.vibrate.triage import Finding, Triage
 
 RATE, DWELL, ARCSEC = 200.0, 8.0, np.pi / 180 / 3600
 TRUTHS = (("drive",), ("mode",), ("line",), ("drive", "line"), ("mode", "line"), ("drive", "mode"))

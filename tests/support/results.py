@@ -1,6 +1,7 @@
 """Results of studies, saved and brought back."""
 
 import json
+import pickle
 import re
 from pathlib import Path
 
@@ -9,11 +10,14 @@ import numpy as np
 from reports import without_number
 
 import ident
-from ident.report.document import NEWEST, plain
+from ident.report.document import plain
 from ident.studies.result import kept_in
+from ident.text import NEWEST
 
 RESULTS = Path(__file__).parents[1] / "data" / "results" / str(NEWEST)
 """Files of results as they are written today."""
+OF_FILES = ("path", "record", "moved", "study", "values_of", "posterior_draws")
+"""What a loaded result alone has: its file; and what only some studies give to others."""
 TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00")
 """When a file was made."""
 
@@ -26,6 +30,11 @@ def assert_comes_back(result, folder):
     assert path in paths
     assert (saved.name, saved.form) == (result.name, result.form)
     assert saved.options == result.options
+    assert saved.verdict == result.verdict
+    assert saved.summary.keys() == result.summary.keys()
+    assert {name for name in dir(saved) if name[0] != "_"} <= {*dir(result), *OF_FILES}
+    assert not [name for name in saved.summary if not hasattr(result, name)]
+    assert pickle.loads(pickle.dumps(result)).report() == result.report()
     with kept_in(folder):
         assert saved.report() == str(saved) == result.report()
         assert saved.report(details=True, width=72) == result.report(details=True, width=72)

@@ -9,8 +9,8 @@ from moving_traces import case, verdict, vibration
 from scipy.signal import decimate
 
 from ident.vibrate.branches import Branches, branches
-from ident.vibrate.motion import Motion, stroke
-from ident.vibrate.triage import MovingTrace, Triage, triage
+from ident.vibrate.motion import Motion, MovingTrace, stroke
+from ident.vibrate.triage import Triage, triage
 
 RATE, FINE = 200.0, 20
 OFF = 1.015

@@ -1,7 +1,7 @@
 """Identify imbalance and transmission error of each drive from vibration traces of the moving arm."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -24,7 +24,6 @@ MOST_DRAWS = 4000
 """Draws of a posterior for its mean and covariance."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class SourceOptions(RunsOptions):
     """Options of `ident.source`: the clock error, and the runs left out for testing."""
 
@@ -43,7 +42,6 @@ class SourceOptions(RunsOptions):
     seed: int = option(0, "seed of these draws", low=0, high=1e18)
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class SourceResult(Result):
     """Sources of the arm, identified from traces of its vibration.
 
@@ -65,11 +63,9 @@ class SourceResult(Result):
     options: SourceOptions = field(default_factory=SourceOptions)
     posterior: "Values | None" = None
 
-    form = "ident-source/10"
     subject = "runs.name"
-    shown = ("study",)
     made_from = ("arm_file as arm", "runs", "posterior")
-    summary = ("parameters", "draws", "phases", "trials", "causes")
+    summarised = ("parameters", "draws", "phases", "trials", "causes")
 
     doubtful: ClassVar[bool] = alias("study.doubtful")
 

@@ -106,7 +106,6 @@ class RunPlan:
         return [source for source, told in zip(self.problem.sources, more, strict=True) if told]
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class RunPlanResult(Result):
     """What planned runs of the moving arm would determine about its drives, and which further run would add most.
 

@@ -1,6 +1,6 @@
 """Find the causes of a moving arm's vibration in its traces: a drive, a mode, a fixed frequency."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,6 @@ SEGMENT = 2.0
 """Length [s] of a segment of the order map: it separates frequencies half a hertz apart."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class TriageOptions(RunsOptions):
     """Options of `ident.triage`: the multiples of a pulley's frequency."""
 
@@ -42,7 +41,6 @@ class TriageOptions(RunsOptions):
         return [*super().problems(), *many]
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class TriageResult(Result):
     """Causes of the strong parts of a vibration, from its frequencies over time.
 
@@ -60,12 +58,11 @@ class TriageResult(Result):
     arm_file: "ArmFile"
     options: TriageOptions = field(default_factory=TriageOptions)
 
-    form = "ident-triage/10"
     subject = "runs.name"
     shown = ("found", "runs")
     made_from = ("arm_file as arm", "runs")
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return the order map of the trace in which the largest part is strongest."""
         from ident.measure.runs import QUANTITIES
         from ident.studies.cause.triage_figure import triage_figure

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -39,7 +39,6 @@ FEWEST_DRAWS = 20
 """Draws from which a 95 % interval is meaningful."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class BalanceOptions(MovingOptions):
     """Options of `ident.balance`: where masses can be mounted, and the motion for which their effect is predicted."""
 
@@ -78,7 +77,6 @@ class BalanceOptions(MovingOptions):
         return given.get(drive, given.get("", default))
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class BalanceResult(Result):
     """Masses that balance the drives' rotors, and the remaining vibration.
 
@@ -98,11 +96,9 @@ class BalanceResult(Result):
     values: "Values"
     options: BalanceOptions = field(default_factory=BalanceOptions)
 
-    form = "ident-balance/10"
     subject = "found.basis.name"
-    shown = ("found",)
     made_from = ("found.basis.arm_file as arm", "values as source", "found.basis.log as path")
-    summary = ("left", "imbalance_left")
+    summarised = ("left", "imbalance_left")
 
     left: ClassVar['Float[ndarray, "3"]'] = alias("found.left")
     imbalance_left: ClassVar['Float[ndarray, "3"]'] = alias("found.imbalance_left")

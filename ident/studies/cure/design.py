@@ -1,7 +1,7 @@
 """Parameter changes that minimise the vibration of an arm, and its sensitivities."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -37,7 +37,6 @@ OF_THE_SEARCH = ("change", "limit", "min_frequency", "max_deflection", "max_chan
 """Options without meaning for sensitivities alone."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class DesignOptions(AmplitudeOptions):
     """Options of `ident.design`: what may change, what must be kept, the motion, and the search."""
 
@@ -82,7 +81,6 @@ class DesignOptions(AmplitudeOptions):
         return Requirements(self.min_frequency or 0.0, deflection, inf if self.max_change is None else self.max_change)
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class DesignResult(Result):
     """The change that keeps a limit or minimises the vibration of an arm, or its sensitivities alone.
 
@@ -99,11 +97,9 @@ class DesignResult(Result):
     text: str
     options: DesignOptions
 
-    form = "ident-design/10"
-    shown = ("study",)
     made_from = ("study.basis.sources",)
     numbers = ("present", "best")
-    summary = ("present", "best")
+    summarised = ("present", "best")
 
     present: ClassVar["Float[np.ndarray, '3']"] = alias("study.sensitivities.amplitude")
 
@@ -136,7 +132,7 @@ class DesignResult(Result):
         """The arm with the changed numbers."""
         return self.study.basis.arm.replace(self.values)
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return the trade-off, "vibration" before and after, and "sensitivities"; or only the latter."""
         from ident.studies.cure.design_figure import before_after_figure, sensitivity_figure, trade_off_figure
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.files import replace_file
+from ident.files import write_text
 from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, by_head, cut, short_power
 from ident.report.words import MM, counted, in_shown_unit, unit_of, value_in_words
 from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
@@ -312,5 +312,4 @@ def design_rows(study: DesignStudy) -> list[dict[str, Any]]:
 
 def write_arm(text: str, note: str, path: Path) -> None:
     """Write an arm file completely or not at all, with a note at its top."""
-    whole = f"# {one_line(note)}\n{text}"
-    replace_file(path, lambda file: file.write(whole.encode("utf-8")), make_folders=True)
+    write_text(path, f"# {one_line(note)}\n{text}")

@@ -14,8 +14,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, specs
 from ident.studies.reading import EACH
-from ident.studies.result import Progress, alias, silent
-from ident.studies.saved import FromFit
+from ident.studies.result import Progress, Result, alias, silent
 from ident.studies.shared import with_numbers
 from ident.studies.stiffness.fit import FitOptions
 from ident.studies.stiffness.sample import SampleOptions, sample
@@ -246,7 +245,6 @@ def _task(job: Job, draws: "Values") -> "Task":
 # -------- Diagnose
 
 
-@dataclass(frozen=True, kw_only=True)
 class DiagnoseOptions(FitOptions, HeldMotionOptions):
     """Options of `ident.diagnose`: the limit, the motion, and the unknowns of the arm.
 
@@ -281,8 +279,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
         return replace(super().restored(others), effort=DiagnosisEffort(**effort, speeds=speeds))
 
 
-@dataclass(frozen=True, repr=False, eq=False)
-class DiagnoseResult(FromFit):
+class DiagnoseResult(Result):
     """A diagnosis of an arm.
 
     The table has a row for each remedy, the best first [SI]; none if none is needed.
@@ -302,11 +299,9 @@ class DiagnoseResult(FromFit):
     options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
     runs: "Runs | None" = None
 
-    form = "ident-diagnose/10"
     subject = "fitted.campaign.name"
-    shown = ("diagnosis",)
     made_from = ("diagnosis.task.basis.arm_file as arm", "fitted.campaign", "diagnosis.task.basis.log as path", "runs")
-    summary = ("verdict", "advice")
+    summarised = ("verdict", "advice")
 
     verdict: ClassVar["Verdict"] = alias("diagnosis.verdict")
     advised: ClassVar["Remedy | None"] = alias("diagnosis.advised")
@@ -321,7 +316,7 @@ class DiagnoseResult(FromFit):
 
         return change_words(self.advised) if self.advised else ""
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return the figures of the page, by stage."""
         from ident.studies.cure.diagnose_figure import diagnose_figures
 

@@ -1,7 +1,7 @@
 """Choose the speed of the arm along its path so that it vibrates little: no part is changed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ident.studies.stiffness.sample import SampleResult
 
 
-@dataclass(frozen=True, kw_only=True)
 class MotionOptions(HeldMotionOptions):
     """Options of `ident.motion`: the present motion, the limit, and the resolution of the speed along the path."""
 
@@ -48,7 +47,6 @@ class MotionOptions(HeldMotionOptions):
         return 0.0
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class MotionResult(Result):
     """Motions along the path of an arm, and the one that keeps the limit in the least time.
 
@@ -64,11 +62,9 @@ class MotionResult(Result):
     motions: "MotionStudy"
     options: MotionOptions = field(default_factory=MotionOptions)
 
-    form = "ident-motion/10"
     subject = "motions.basis.name"
-    shown = ("motions",)
     made_from = ("motions.basis.sources",)
-    summary = ("time", "vibration", "keeps")
+    summarised = ("time", "vibration", "keeps")
 
     time: ClassVar[float] = alias("motions.schedule.duration")
     vibration: ClassVar[float] = alias("motions.verification.largest")
@@ -84,7 +80,7 @@ class MotionResult(Result):
         """Whether no motion keeps the limit."""
         return self.motions.recommended is None
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return speed and vibration along the path; the residual vibration of input shapers (`shapers`) if tried."""
         from ident.studies.cure.motion_figure import motion_figure, shaper_figure
 

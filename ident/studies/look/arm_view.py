@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Body
-from ident.arm.plausibility import Oddity, behaviour_oddities, oddities, reach_of
+from ident.arm.plausibility import Oddity, behaviour_oddities, oddities
+from ident.arm.sizes import reach_of
 from ident.description.file import ArmFile
 from ident.errors import ModelError
 from ident.identify.modal_analysis import ModalAnalysis, modal_analysis

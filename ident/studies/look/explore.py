@@ -1,7 +1,7 @@
 """Write a page to explore an arm by hand: sliders, and the response of the arm."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import degrees, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +26,6 @@ BESIDE = 0.05
 """Tolerance [deg] of a posture from the stroke."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class ExploreOptions(ArmOptions):
     """Options of `ident.explore`: the initial state of the page, and the payload of its slider."""
 
@@ -47,7 +46,6 @@ class ExploreOptions(ArmOptions):
         return [*super().problems(), *([] if all(map(is_angle, self.posture)) else [wrong])]
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class ExploreResult(Result):
     """An arm as a page: one HTML file that loads nothing and computes by itself.
 
@@ -86,10 +84,9 @@ class ExploreResult(Result):
         return explore_page(self.exploration, self.arm, start, fit=self.fit, posterior=self.posterior)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.files import replace_file
+        from ident.files import write_text
 
-        text = self.page().encode("utf-8")
-        replace_file(path, lambda file: file.write(text), make_folders=True)
+        write_text(path, self.page())
         return (path,)
 
 

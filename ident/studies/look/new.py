@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import placed, refusal
-from ident.files import replace_file, together
+from ident.files import together, write_text
 from ident.text import did_you_mean, one_line, quoted
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _gripper(robot: "Robot") -> Iterator[str]:
 
 def guessed_stiffness(arm: "Arm") -> Mapping[str, tuple[float, float]]:
     """Return bending and torsional stiffness [N m/rad] by joint; with them each joint alone has the same frequency."""
-    from ident.arm.plausibility import carried
+    from ident.arm.sizes import carried
 
     inertia = [beyond.inertia for beyond in carried(arm)]
     k = [(2 * pi * FREQUENCY) ** 2 * max(each, LEAST * inertia[0]) for each in inertia]
@@ -137,6 +137,5 @@ def _write(folder: Path, arm: str, campaign: str) -> New:
     paths = (folder / ARM, folder / CAMPAIGN)
     with together():
         for path, text in zip(paths, (arm, campaign), strict=True):
-            data = text.encode("utf-8")
-            replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
+            write_text(path, text)
     return New(folder, paths)

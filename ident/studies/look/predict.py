@@ -1,7 +1,7 @@
 """Predict natural frequencies, modes and static deflection of an arm at postures."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import radians
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from ident.studies.look.prediction import Prediction
 
 
-@dataclass(frozen=True, kw_only=True)
 class PredictOptions(ArmOptions):
     """Options of `ident.predict`: postures, load, and number of modes."""
 
@@ -46,7 +45,6 @@ class PredictOptions(ArmOptions):
         return [*super().problems(), *([] if fine else [Problem("posture", f"{self.posture}", expected, remedy)])]
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class PredictResult(Result):
     """Modes and static deflection of an arm at some postures.
 
@@ -66,13 +64,12 @@ class PredictResult(Result):
     fit: "Values | None" = None
     posterior: "Values | None" = None
 
-    form = "ident-predict/10"
     subject = "arm.name"
     shown = ("predictions", "fit", "posterior", "options.set")
     listed = ("predictions",)
     made_from = ("arm", "fit", "posterior")
     numbers = ("frequencies", "deflections")
-    summary = ("deflections", "deflection_bands")
+    summarised = ("deflections", "deflection_bands")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -111,7 +108,7 @@ class PredictResult(Result):
         """Static deflection at each posture by point name, (3,) [m] in the base frame."""
         return tuple(analysis.deflection for analysis in self.analyses)
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return one figure a posture, `2` for the second: the modes from the side and from above."""
         from ident.studies.look.predict_figure import mode_figure
 

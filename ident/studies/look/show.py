@@ -6,7 +6,7 @@ from math import degrees, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.files import replace_file, together
+from ident.files import together, write_text
 from ident.report.report import Report
 from ident.studies import STUDIES, module_of
 from ident.studies.options import Options, flag_of, specs
@@ -34,9 +34,6 @@ class ArmPicture(Reported):
     view: "ArmView"
 
     notes: ClassVar[tuple[str, ...]] = alias("view.arm_file.notes")
-
-    def __repr__(self) -> str:
-        return f"<ident ArmPicture {self.name}: print it for the report>"
 
     @property
     def name(self) -> str:
@@ -92,8 +89,7 @@ class ArmPicture(Reported):
             save(self.figures()[""], path)
             if not self.view.analysis:
                 return (path,)
-            text, modes = self.moving_modes().encode("utf-8"), Path(folder) / f"{self.name}.modes.svg"
-            replace_file(modes, lambda file: file.write(text), make_folders=True)
+            write_text(modes := Path(folder) / f"{self.name}.modes.svg", self.moving_modes())
         return path, modes
 
     def moving_modes(self) -> str:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +33,6 @@ FINISHED = ("undamped", "pole", "damped")
 """Kinds of frequencies in a file of finished modes."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class ModalOptions(ProblemOptions, SamplesOptions):
     """Options of `ident.modal_test`: from records to frequency responses, and the knowledge before the data.
 
@@ -96,7 +95,6 @@ class ModalOptions(ProblemOptions, SamplesOptions):
         return Reproducibility.of(self.reproducibility, self.common_share)
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class ModalResult(Result):
     """Frequency responses, or spectra of an ambient test, and modes.
 
@@ -125,10 +123,9 @@ class ModalResult(Result):
     options: ModalOptions = field(default_factory=ModalOptions)
     reproducibility: "Reproducibility | None" = None
 
-    form = "ident-modal/10"
     shown = ("tests", "identified", "finished", "named", "campaign", "reproducibility")
     made_from = ("arm", "files")
-    summary = ("hits", "rejected")
+    summarised = ("hits", "rejected")
 
     @property
     def name(self) -> str:
@@ -166,7 +163,7 @@ class ModalResult(Result):
 
         return any(isinstance(each.modes, Modes) and not each.modes.converged for each in self.identified)
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return for each posture its responses, the choice of its modes (`modes`), and `shapes`."""
         from ident.studies.measuring.modal_figure import argand_figure, measured_figure, stabilisation_figure
 

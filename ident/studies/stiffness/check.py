@@ -1,7 +1,7 @@
 """Report what a campaign can determine about each parameter, before any fit."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from ident.studies.door import DEFAULT, study
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ident.measure import Campaign
 
 
-@dataclass(frozen=True, kw_only=True)
 class CheckOptions(ProblemOptions):
     """Options of `ident.check`: the unknowns and their priors."""
 
@@ -24,7 +23,6 @@ class CheckOptions(ProblemOptions):
     no_explain: bool = option(False, "where data contradict each other, do not search for what would reconcile them")
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class CheckResult(Result):
     """What a campaign can determine about an arm.
 
@@ -43,11 +41,10 @@ class CheckResult(Result):
     check: "CampaignCheck"
     options: CheckOptions = field(default_factory=CheckOptions)
 
-    form = "ident-check/10"
     subject = "check.campaign.name"
-    shown, drawn = ("check",), ()
+    drawn = ()
     made_from = ("arm", "check.campaign")
-    summary = ("contradictory",)
+    summarised = ("contradictory",)
 
     contradictory: ClassVar[bool] = alias("check.contradictory")
     doubtful: ClassVar[bool] = alias("contradictory")

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ident.studies.saved import Saved
 
 
-@dataclass(frozen=True, kw_only=True)
 class CompareOptions(UnitOptions):
     """Options of `ident.compare`."""
 
@@ -54,7 +53,6 @@ class ComparedFile:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class CompareResult(Result):
     """Stiffness changes between two campaigns, or between the campaigns of two folders.
 
@@ -73,7 +71,6 @@ class CompareResult(Result):
     files: tuple[tuple[ComparedFile, ComparedFile], ...] = ((ComparedFile(), ComparedFile()),)
     options: CompareOptions = field(default_factory=CompareOptions)
 
-    form = "ident-compare/10"
     shown = ("comparisons", "unpaired")
 
     @property
@@ -95,7 +92,7 @@ class CompareResult(Result):
         change = self.comparison.change
         return dict(zip(change.names, map(bool, change.changed), strict=True))
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return a figure for each pair: the ratio after / before of each stiffness, with its 95 % interval."""
         from ident.studies.stiffness.compare_figure import compare_figure
 

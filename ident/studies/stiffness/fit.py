@@ -1,16 +1,18 @@
 """Fit the joint stiffnesses to a campaign, and report which of them the data determine."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
-from ident.studies.result import Progress, alias, silent
-from ident.studies.saved import FromFit
+from ident.studies.result import Progress, Result, alias, silent
 from ident.studies.shared import ProblemOptions
 
 if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.assumptions import Assumptions
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     from ident.measure import Campaign
 
 
-@dataclass(frozen=True, kw_only=True)
 class FitOptions(ProblemOptions):
     """Options of `ident.fit`: the unknowns, their priors, and the length of the search."""
 
@@ -41,12 +42,12 @@ class FitOptions(ProblemOptions):
         return not self.no_explain and "no_explain" not in self.refuses
 
 
-@dataclass(frozen=True, repr=False, eq=False)
-class FitResult(FromFit):
+class FitResult(Result):
     """A fit of an arm to a campaign.
 
     The figure shows values with intervals, parameter combinations and residuals. The table has a row for each
-    parameter: value, unit, interval [SI], and whether the data support it; `measurements` a row for each measurement.
+    parameter: value, unit, standard error (of a positive number value times that of its logarithm) and interval [SI],
+    and whether the data support it; `measurements` a row for each measurement.
 
     Attributes:
         arm: the arm as in its file.
@@ -60,20 +61,22 @@ class FitResult(FromFit):
         fitted_arm: the arm with the fitted numbers in place.
         doubtful: whether there is any objection to the fit, or evidence against one of its assumptions.
         fitted: the fit itself.
+        chi_squared: sum of squared residuals of the data [-].
+        degrees_of_freedom: fitted values less the parameter combinations that they determine.
+        p_value: probability of a larger chi-squared [-]; NaN without degrees of freedom, and for a robust fit.
+        rank: parameter combinations on which the data depend.
     """
 
     arm: "ArmFile"
     fit: "CampaignFit"
     options: FitOptions = field(default_factory=FitOptions)
 
-    form = "ident-fit/10"
     subject = "fit.campaign.name"
-    shown = ("fit",)
     made_from = ("arm", "fit.campaign")
     numbers = ("parameters", "fit.predicted", "fit.chi_squared")
-    summary = (
+    summarised = (
         *("parameters", "damping", "scaled", "doubts"),
-        *("fit.chi_squared", "fit.degrees_of_freedom", "fit.p_value", "fit.information.rank"),
+        *("chi_squared", "degrees_of_freedom", "p_value", "rank"),
     )
 
     short: ClassVar[bool] = alias("fit.short")
@@ -84,6 +87,10 @@ class FitResult(FromFit):
     fitted_arm: ClassVar["Arm"] = alias("fit.fitted_arm")
     doubtful: ClassVar[bool] = alias("fit.in_doubt")
     fitted: ClassVar["CampaignFit"] = alias("fit")
+    chi_squared: ClassVar[float] = alias("fit.chi_squared")
+    degrees_of_freedom: ClassVar[int] = alias("fit.degrees_of_freedom")
+    p_value: ClassVar[float] = alias("fit.p_value")
+    rank: ClassVar[int] = alias("fit.information.rank")
 
     @property
     def damping(self) -> Mapping[str, float] | None:
@@ -113,6 +120,21 @@ class FitResult(FromFit):
         """Standard deviation of each parameter from data and prior, of ln(value) [-] for a positive one."""
         known = self.fit.information
         return dict(zip(known.names, map(float, known.sd), strict=True))
+
+    @property
+    def covariance(self) -> Mapping[str, Mapping[str, float]]:
+        """Covariance of the parameters, for `pandas.DataFrame`: of what `sd` is of [-]; on its diagonal sd squared."""
+        return _by_names(self.fit.information.names, self.fit.information.covariance)
+
+    @property
+    def correlations(self) -> Mapping[str, Mapping[str, float]]:
+        """Correlations of the parameters [-], as `covariance`; NaN where a variance is infinite."""
+        return _by_names(self.fit.information.names, self.fit.information.correlation)
+
+    @property
+    def residuals(self) -> 'Float[np.ndarray, "D"]':
+        """(D,) (measured - predicted) / sigma [-] of each measurement, in the order of the campaign."""
+        return -self.fit.off
 
     @property
     def trade_offs(self) -> Mapping[str, Mapping[str, float]]:
@@ -147,6 +169,11 @@ class FitResult(FromFit):
         from ident.identify.values import Robot, Values
 
         return Values.of_fit(self.fit, arm), Robot.of(self.arm.arm, self.arm.sha256), self.options.soft_base
+
+
+def _by_names(names: tuple[str, ...], matrix: "np.ndarray") -> dict[str, dict[str, float]]:
+    rows = (dict(zip(names, map(float, row), strict=True)) for row in matrix)
+    return dict(zip(names, rows, strict=True))
 
 
 @study

@@ -533,10 +533,11 @@ def _optima(fit: "Fit") -> Section:
 
 
 def fit_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
-    """Return a row for each parameter: value, interval [SI] and whether the data support it."""
-    names, (low, high) = fit.problem.parameters.names, fit.interval().T
-    value = {"value": fit.best.values, "unit": map(unit_of, names), "low_95": low, "high_95": high}
-    return by_row(parameter=names, **value, supported=fit.supported)
+    """Return a row for each parameter: value, standard error and interval [SI], and whether the data support it."""
+    parameters, value, (low, high) = fit.problem.parameters, fit.best.values, fit.interval().T
+    error = fit.information.sd * np.where(parameters.positive, value, parameters.column("scale"))
+    own = {"value": value, "unit": map(unit_of, parameters.names), "std_error": error, "low_95": low, "high_95": high}
+    return by_row(parameter=parameters.names, **own, supported=fit.supported)
 
 
 def measurement_rows(fit: "CampaignFit") -> list[dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 CAMPAIGN, ARM = "campaign.csv", "arm.toml"
 
 
-@dataclass(frozen=True, kw_only=True)
 class FleetOptions(FitOptions):
     """Options of `ident.fleet`: those of each robot's fit; its prior is the interim one."""
 
@@ -45,7 +44,6 @@ class FleetOptions(FitOptions):
         return replace(self, workers=1, dask="")
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class FleetResult(Result):
     """A fleet: the estimates of each robot, and the population of their stiffnesses.
 
@@ -62,10 +60,8 @@ class FleetResult(Result):
     fleet: "Fleet"
     options: FleetOptions = field(default_factory=FleetOptions)
 
-    form = "ident-fleet/10"
     subject = "label"
-    shown = ("fleet",)
-    summary = ("label", "standing_out", "failed", "priors")
+    summarised = ("label", "standing_out", "failed", "priors")
 
     @property
     def standing_out(self) -> Mapping[str, Mapping[str, float]]:
@@ -105,14 +101,13 @@ class FleetResult(Result):
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the result, and the priors of the next robot as flags of `ident fit`."""
-        from ident.files import replace_file
+        from ident.files import write_text
 
         written = super()._write(path, head)
         if not self.priors:
             return written
-        flags = "".join(f"--prior={name}={prior}\n" for name, prior in self.priors.items())
         beside = self._beside(path, ".prior")
-        replace_file(beside, lambda file: file.write(flags.encode("utf-8")))
+        write_text(beside, "".join(f"--prior={name}={prior}\n" for name, prior in self.priors.items()))
         return (*written, beside)
 
     def html(self) -> str:

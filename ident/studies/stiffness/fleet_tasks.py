@@ -25,7 +25,7 @@ from uuid import uuid4
 
 from ident.codec import read_item, value_digest, write_item
 from ident.errors import IdentError, InputError, Problem, refusal
-from ident.files import digest, replace_file
+from ident.files import digest, write_text
 from ident.text import one_line
 from ident.units import USUAL
 
@@ -364,8 +364,7 @@ def _cluster(
             raise refusal("dask", f"no scheduler at {remote} ({why})", "one that answers", remedy) from None
         at_end.callback(_take_leave, client)
         work = partial(attempt, run, Path.cwd(), remote=bool(remote))
-        here = json.dumps({"settings": _settings(), "circumstances": _circumstances()}).encode("utf-8")
-        replace_file(run / "client", lambda file: file.write(here), make_folders=True)
+        write_text(run / "client", json.dumps({"settings": _settings(), "circumstances": _circumstances()}))
         _check(client, work)
         yield partial(_handed_out, client, work)
     finally:

@@ -1,7 +1,7 @@
 """Identify stiffness, damping, friction, backlash and delay of a joint from logs of its motor and its link."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,6 @@ ALIKE = 0.99
 """Correlation of motor and link from which one follows the other."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class JointOptions(SamplesOptions):
     """Options of `ident.joint`: known data of the joints, and how they were tested."""
 
@@ -49,7 +48,6 @@ class JointOptions(SamplesOptions):
         return bad
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class JointResult(Result):
     """Quantities of joints, identified from their logs.
 
@@ -66,7 +64,6 @@ class JointResult(Result):
     logs: "tuple[JointLog, ...]"
     options: JointOptions = field(default_factory=JointOptions)
 
-    form = "ident-joint/10"
     shown = ("joints", "logs")
     drawn = listed = ("joints",)
 

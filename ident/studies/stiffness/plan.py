@@ -1,7 +1,7 @@
 """Rank the next measurements by information per cost."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ident.studies.cause.source_plan import RunPlanResult
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlanOptions(FitOptions):
     """Options of `ident.plan`: the candidates, the aim, and the unknowns."""
 
@@ -90,7 +89,6 @@ class PlanOptions(FitOptions):
         )
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class PlanResult(Result):
     """The next measurements on an arm, and what they will gain.
 
@@ -109,11 +107,10 @@ class PlanResult(Result):
     hammer: "tuple[HammerPlan, ...]" = ()
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    form = "ident-plan/10"
     shown = ("plan", "hammer")
     drawn = listed = ("plan",)
     numbers = ("cost",)
-    summary = ("cost", "sd")
+    summarised = ("cost", "sd")
 
     @property
     def name(self) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.arm import ANYWHERE
-from ident.files import numbered, replace_file, together
+from ident.files import numbered, together, write_text
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
 from ident.measure import Measurement
@@ -376,7 +376,7 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
     with together() as files:
         if _is_filled(path):
             files.moves.append((path, path.with_name(numbered(path.parent, path.stem) + path.suffix)))
-        replace_file(path, lambda file: file.write(text.encode()), make_folders=True)
+        write_text(path, text)
 
 
 def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:

@@ -1,7 +1,7 @@
 """Check the intervals of a fit: move each parameter, refit all others, and follow the rise of the cost."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, ClassVar
 
 from ident.studies import reading
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from ident.measure import Campaign
 
 
-@dataclass(frozen=True, kw_only=True)
 class ProfileOptions(FitOptions):
     """Options of `ident.profile`: those of the fit, the profiled parameters, and the range."""
 
@@ -32,7 +31,6 @@ class ProfileOptions(FitOptions):
     )
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class ProfileResult(Result):
     """Profile likelihoods of a fit.
 
@@ -44,6 +42,7 @@ class ProfileResult(Result):
         profiles: the least cost as a function of each parameter.
         options: the options of the call.
         short: whether the profiled fit is not an optimum.
+        doubts: objections to the profiled fit; empty without any.
     """
 
     arm: "ArmFile"
@@ -51,15 +50,15 @@ class ProfileResult(Result):
     profiles: "tuple[Profile, ...]"
     options: ProfileOptions = field(default_factory=ProfileOptions)
 
-    form = "ident-profile/10"
     subject = "fit.campaign.name"
     shown = ("fit", "profiles")
     listed = ("profiles",)
     made_from = ("arm", "fit.campaign")
     numbers = ("fit.parameters",)
-    summary = ("fit.doubts",)
+    summarised = ("doubts",)
 
     short: ClassVar[bool] = alias("fit.short")
+    doubts: ClassVar[tuple[str, ...]] = alias("fit.doubts")
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:

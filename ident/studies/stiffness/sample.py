@@ -1,7 +1,7 @@
 """Sample the posterior of a campaign: how certain each stiffness is, and which combinations are known."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -9,8 +9,7 @@ from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, alias, silent
-from ident.studies.saved import FromFit
+from ident.studies.result import Progress, Result, alias, silent
 from ident.studies.stiffness.fit import FitOptions, fit
 
 if TYPE_CHECKING:
@@ -29,7 +28,6 @@ MOST_WALKERS = 20_000
 """Walkers of all ensembles about an optimum."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class SampleOptions(FitOptions):
     """Options of `ident.sample`: the unknowns, their priors, and the length of the chains."""
 
@@ -56,8 +54,7 @@ class SampleOptions(FitOptions):
         return [*super().problems(), *([many] if count > MOST_WALKERS else [])]
 
 
-@dataclass(frozen=True, repr=False, eq=False)
-class SampleResult(FromFit):
+class SampleResult(Result):
     """A sampled posterior of an arm's campaign.
 
     The table has a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat.
@@ -75,12 +72,11 @@ class SampleResult(FromFit):
     sample: "CampaignSample"
     options: SampleOptions = field(default_factory=SampleOptions)
 
-    form, suffix = "ident-sample/10", ".nc"
+    suffix = ".nc"
     subject = "sample.fitted.campaign.name"
-    shown = ("sample",)
     made_from = ("arm", "sample.fitted.campaign")
     numbers = ("sample.sample.theta",)
-    summary = ("doubts",)
+    summarised = ("doubts",)
 
     doubtful: ClassVar[bool] = alias("sample.fitted.in_doubt")
     doubts: ClassVar[tuple[str, ...]] = alias("sample.withheld")
@@ -123,7 +119,7 @@ class SampleResult(FromFit):
 
         return inference_data(self.sample, self.head | {"trust": plain(self.sample.trust)})
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return figures of the posterior, of pairs of parameters and of the chains: `posterior`, `corner`, `trace`."""
         from ident.studies.stiffness.sample_figure import sample_figures
 

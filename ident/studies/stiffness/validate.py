@@ -1,7 +1,7 @@
 """Report how far to trust a fitted arm in postures that were not measured."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, ClassVar
 
 from ident.studies.door import DEFAULT, study
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from ident.measure import Campaign
 
 
-@dataclass(frozen=True, kw_only=True)
 class ValidateOptions(FitOptions):
     """Options of `ident.validate`: those of the fit, and the part to leave out."""
 
@@ -29,7 +28,6 @@ class ValidateOptions(FitOptions):
     )
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class ValidateResult(Result):
     """Prediction errors of a fit for parts of the campaign that were left out.
 
@@ -41,19 +39,19 @@ class ValidateResult(Result):
         validation: the fit, and the left-out parts with their predictions.
         options: the options of the call.
         short: whether the fit to all data is not an optimum.
+        covered: number of measurements within the 95 % interval of their prediction.
     """
 
     arm: "ArmFile"
     validation: "Validation"
     options: ValidateOptions = field(default_factory=ValidateOptions)
 
-    form = "ident-validate/10"
     subject = "validation.fit.campaign.name"
-    shown = ("validation",)
     made_from = ("arm", "validation.fit.campaign")
-    summary = ("validation.scopes", "validation.covered")
+    summarised = ("validation.scopes", "covered")
 
     short: ClassVar[bool] = alias("validation.fit.short")
+    covered: ClassVar[int] = alias("validation.covered")
 
     @property
     def scopes(self) -> "Mapping[str, Scope]":

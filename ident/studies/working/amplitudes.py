@@ -1,7 +1,6 @@
 """Shared by the studies that compute amplitudes repeatedly: the measure of amplitude, and the evaluator."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ident.studies.motion_options import HeldMotionOptions
@@ -13,7 +12,6 @@ if TYPE_CHECKING:
     from ident.vibrate.variable import Variable
 
 
-@dataclass(frozen=True, kw_only=True)
 class AmplitudeOptions(HeldMotionOptions):
     """Options of a held motion, and the measure of the vibration's amplitude."""
 

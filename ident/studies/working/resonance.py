@@ -1,6 +1,6 @@
 """Compare the pulleys' frequencies with the arm's natural frequencies along a motion."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from ident.errors import Problem
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ident.vibrate.resonance import Excitation, ResonanceCrossing
 
 
-@dataclass(frozen=True, kw_only=True)
 class ResonanceOptions(MovingOptions):
     """Options of `ident.resonance`: the motion, the number of modes, and the margin."""
 
@@ -39,7 +38,6 @@ class ResonanceOptions(MovingOptions):
         return [*super().problems(), *([wide] if self.margin >= 100 else [])]
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class ResonanceResult(Result):
     """A Campbell diagram: natural frequencies along a motion against the rotation frequencies of the pulleys.
 
@@ -60,7 +58,6 @@ class ResonanceResult(Result):
     crossings: "tuple[ResonanceCrossing, ...]"
     options: ResonanceOptions = field(default_factory=ResonanceOptions)
 
-    form = "ident-resonance/10"
     subject = "basis.name"
     shown = ("basis", "branches", "excitation", "crossings", "options.margin")
     drawn = ("branches", "excitation", "crossings", "title")

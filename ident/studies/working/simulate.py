@@ -1,7 +1,7 @@
 """Simulate the vibration of the end point while the arm carries out a motion."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ident.vibrate.study import Draws
 
 
-@dataclass(frozen=True, kw_only=True)
 class SimulateOptions(HeldMotionOptions):
     """Options of `ident.simulate`: the motion, the method, and the reported sizes of the vibration."""
 
@@ -57,7 +56,6 @@ class SimulateOptions(HeldMotionOptions):
         return [*super().problems(), *([misplaced] if self.step and self.method != "fast" else [])]
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class SimulateResult(Result):
     """A simulated motion of an arm.
 
@@ -79,12 +77,10 @@ class SimulateResult(Result):
     simulation: "Simulation"
     options: SimulateOptions = field(default_factory=SimulateOptions)
 
-    form = "ident-simulate/10"
     subject = "simulation.basis.name"
-    shown = ("simulation",)
     made_from = ("simulation.basis.sources", "simulation.trace")
     numbers = ("vibration",)
-    summary = ("arrival", "exceedance")
+    summarised = ("arrival", "exceedance")
 
     arm: ClassVar["Arm"] = alias("simulation.arm")
     time: ClassVar['Float[np.ndarray, "T"]'] = alias("simulation.time")
@@ -106,7 +102,7 @@ class SimulateResult(Result):
         draws, limit = self.simulation.draws, self.simulation.limit
         return None if draws is None or limit is None else float(draws.exceeds(limit)[1])
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return two figures: vibration of the end point; joints, belts and pulleys (`drives`)."""
         from ident.studies.working.simulate_figure import drives_figure, simulate_figure
 

@@ -1,7 +1,7 @@
 """Show at which frequencies a trace vibrates, and by how much."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from ident.vibrate.spectra import Peak
 
 
-@dataclass(frozen=True, kw_only=True)
 class SpectrumOptions(BaseOptions, SamplesOptions):
     """Options of `ident.spectrum`: the part of the trace, its analysis, and the posture of an arm."""
 
@@ -66,7 +65,6 @@ class SpectrumOptions(BaseOptions, SamplesOptions):
         return problems
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class SpectrumResult(Result):
     """The spectra of one or two traces.
 
@@ -84,8 +82,6 @@ class SpectrumResult(Result):
     path: "Log | None" = None
     options: SpectrumOptions = field(default_factory=SpectrumOptions)
 
-    form = "ident-spectrum/10"
-    shown = ("spectra",)
     numbers = ("amplitudes",)
 
     @property
@@ -133,7 +129,7 @@ class SpectrumResult(Result):
         column = self.spectra.directions.index(direction)
         return peaks(self.spectra.spectra[self.spectra.name].column(column), count, (low, high))
 
-    def figures(self) -> "dict[str, Figure]":
+    def _figures(self) -> "dict[str, Figure]":
         """Return the spectra, and spectrograms by direction if requested."""
         from ident.studies.working.spectrogram_figure import spectrogram_figures
         from ident.studies.working.spectrum_figure import spectra_figure

@@ -1,7 +1,6 @@
 """Vary numbers of an arm, or its speed, and see how the vibration over a motion depends on them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -28,7 +27,6 @@ MOST_NAMED = 3
 """Parameters named one by one in file names."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class SweepOptions(AmplitudeOptions):
     """Options of `ident.sweep`: the varied numbers, the motion, and the measure of its vibration."""
 
@@ -53,7 +51,6 @@ class SweepOptions(AmplitudeOptions):
         return problems
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class SweepResult(Result):
     """Dependence of the vibration on numbers of an arm.
 
@@ -69,11 +66,9 @@ class SweepResult(Result):
     study: "SweepStudy"
     options: SweepOptions
 
-    form = "ident-sweep/10"
-    shown = ("study",)
     made_from = ("study.basis.sources",)
     numbers = ("present",)
-    summary = ("present", "trends")
+    summarised = ("present", "trends")
 
     present: ClassVar["Float[np.ndarray, '3']"] = alias("study.present")
 

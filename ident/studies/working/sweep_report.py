@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.fields import field_of
-from ident.files import replace_file
+from ident.files import write_text
 from ident.measure.table import csv_text, guarded
 from ident.report.report import Cell, Part, Report, Section, Table, Verdict, by_head, cut, short_power
 from ident.report.words import MM, counted, in_shown_unit, percent, unit_of, value_in_words
@@ -356,8 +356,7 @@ def write_csv(study: "SweepStudy", head: Mapping[str, Any], path: Path) -> None:
         f"amplitude: {study.measure} of the vibration of {basis.point}; bands: 5 and 95 % quantiles of the draws",
     ]
     cells = ({name: _cell(value) for name, value in row.items()} for row in rows)
-    text = csv_text(list(rows[0]), cells, notes)
-    replace_file(path, lambda file: file.write(text.encode("utf-8")), make_folders=True)
+    write_text(path, csv_text(list(rows[0]), cells, notes))
 
 
 def _cell(value: Any) -> str:
