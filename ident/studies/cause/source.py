@@ -18,6 +18,7 @@ from ident.text import one_line
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.values import Values
+    from ident.measure import Trace
     from ident.measure.runs import Runs
     from ident.studies.cause.source_study import SourceStudy
     from ident.studies.stiffness.sample import SampleResult
@@ -32,7 +33,9 @@ MOST_DRAWS = 4000
 class SourceOptions(RunsOptions):
     """Options of `ident.source`: the clock error, and the runs left out for testing."""
 
-    offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", above=0.0, high=1.0)
+    offset: float = option(
+        0.05, "time [s] by which a recorder's clock may differ from the motion's", above=0.0, high=1.0
+    )
     hold_out: tuple[str, ...] = repeated(
         (), "file of a run to leave out and to predict; may be repeated", read=reading.names
     )
@@ -136,8 +139,8 @@ def as_runs(runs: "Runs | str | Path") -> "Runs":
     return runs if isinstance(runs, Runs) else read_runs(runs)
 
 
-def arm_beside(runs: "Runs", soft_base: float | None) -> "ArmFile":
-    """Return the arm of a table of runs, from the same folder.
+def arm_beside(runs: "Runs | Trace", soft_base: float | None) -> "ArmFile":
+    """Return the arm of a table of runs, or of a trace, from the same folder.
 
     Raises:
         InputError: no such file, or an error in it.
@@ -170,13 +173,13 @@ def source(
         InputError: a file is wrong, or does not match the arm; runs without common time or with too few turns.
         ModelError: the arm collapses.
     """
-    from ident.studies.cause.source_study import studied, with_notes
+    from ident.studies.cause.source_study import studied, with_clocks, with_notes
 
     runs = as_runs(runs)
     arm = arm or arm_beside(runs, options.soft_base)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
     described = with_numbers(arm.arm, drawn, options.set)
-    runs = with_notes(described, runs)
+    runs = with_notes(described, with_clocks(described, runs, options.offset))
     draws = drawn.without(options.set) if drawn else {}
     found = studied(
         described,

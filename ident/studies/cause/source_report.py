@@ -196,10 +196,12 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     ]
     head = ("Number", "change [%]", "std. error [%]", "before [%]")
     yield Section("Stiffness and damping", (Table("", head, tuple(numbers), ("", "+.2f", ".2f", ".2f")),))
-    pairs = zip(problem.runs, place.clock, strict=True)
-    clocks = [(run.name, 1e3 * offset, 1e6 * rate) for run, (offset, rate) in pairs]
-    table = Table("", ("Run", "clock offset [ms]", "clock rate [1e-6]"), tuple(clocks), ("", ".2f", ".0f"))
-    yield Section("Clocks", (table,))
+    errors = np.sqrt(np.diag(found.covariance))[len(place.changes) :][: place.clock.size].reshape(place.clock.shape)
+    groups = zip(problem.runs, place.clock, errors, strict=True)
+    clocks = [(run.name, 1e3 * offset, 1e3 * o, 1e6 * rate, 1e6 * r) for run, (offset, rate), (o, r) in groups]
+    head = ("Run", "offset [ms]", "std. error [ms]", "rate [1e-6]", "std. error [1e-6]")
+    table = Table("", head, tuple(clocks), ("", ".2f", ".2f", ".0f", ".0f"))
+    yield Section("Clocks, beyond a delay that was found from the motion", (table,))
     traces = [
         (channel.name, channel.rate, 100 * share, *np.degrees(tilt), 100 * (problem.factor(k, place) - 1))
         for k, (channel, share, tilt) in enumerate(zip(problem.channels, found.explained, place.tilt, strict=True))

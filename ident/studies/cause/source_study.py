@@ -1,6 +1,7 @@
 """From a table of runs to the sources of an arm, their certainty, and the prediction of other runs."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -17,6 +18,7 @@ from ident.errors import InputError, placed, refusal
 from ident.identify.binding import loads_of
 from ident.measure import Log, read_log
 from ident.measure.runs import RunRow, Runs, Trace
+from ident.vibrate.clock import Clock, find_clock
 from ident.vibrate.motion import Motion, beyond_limits, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.source_causes import Causes, check_peak, compared
@@ -51,8 +53,6 @@ MISSED = 0.2
 """Share of a left-out run's mean square by which its prediction may be wrong beyond noise; assumed."""
 RATES = np.linspace(-5e-3, 5e-3, 21)
 """Relative clock errors tried if a left-out run is not predicted; assumed."""
-LATEST = 1.0
-"""Largest clock error [s] searched if the stated offset leads to no solution; assumed."""
 CLOCK = 0.05
 """Clock error [s] if none is fitted; assumed."""
 LARGEST = 0.05
@@ -305,7 +305,7 @@ def studied(
         if abs(clock) > offset * (1 - 1e-9):
             raise _late(run.name, clock, offset)
     if not SourceStudy(found, (), True).usable:
-        _refuse_late(arm, table, used, prior, offset)
+        _refuse_late(arm, table, used, offset)
     held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
     known = all(path in draws for path in stiffness_paths(arm))
     first, rate, further = problem.runs[0], min(channel.rate for channel in problem.channels), dict[float, Run]()
@@ -319,18 +319,39 @@ def studied(
     return SourceStudy(found, tuple(held), known, tells, causes)
 
 
-def _refuse_late(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> None:
-    """Refuse a run if a clock beyond the offset has less than half the residual of the best clock within it."""
+def _refuse_late(arm: Arm, table: Runs, names: Sequence[str], offset: float) -> None:
+    """Refuse a run if its trace shows a clock beyond the offset, though the table states its delay."""
     for name in names:
-        try:
-            own = _posed(arm, table, [name], prior, LATEST)
-        except InputError:  # too short for such a shift
-            continue
-        place = own.start._replace(changes=prior.mean)
-        responses = own.responses(place)
-        (clock, far), (_, near) = (clock_offsets(replace(own, offset=x), responses, place) for x in (LATEST, offset))
-        if abs(clock[0, 0]) > offset and far[0] < near[0] / 2:
-            raise _late(name, float(clock[0, 0]), offset)
+        with suppress(InputError):  # not to be seen
+            clock = _clock(arm, table, name)
+            if table.of(name)[0].row.delay is not None and abs(clock.offset) > offset:
+                raise _late(name, clock.offset, offset)
+
+
+def with_clocks(arm: Arm, table: Runs, offset: float = CLOCK) -> Runs:
+    """Return runs with the times of their motion, where the table states no delay and the clock is beyond the offset.
+
+    Raises:
+        InputError: a clock that its trace does not show, see `find_clock`.
+    """
+    unknown = [name for name in table.names if table.of(name)[0].row.delay is None]
+    every = {name: _clock(arm, table, name) for name in unknown}
+    clocks = {name: clock for name, clock in every.items() if abs(clock.offset) > offset}
+    traces = [
+        replace(own, time=clocks[own.row.file].on_motion(own.time)) if own.row.file in clocks else own
+        for own in table.traces
+    ]
+    return replace(table, traces=tuple(traces), clocks=clocks)
+
+
+def _clock(arm: Arm, table: Runs, name: str) -> Clock:
+    traces = _from_start(arm, table, table.of(name))
+    sensors = tuple(_sensor(arm, each) for each in traces)
+    channels = [Channel(name, 0, k, each.time, each.values) for k, each in enumerate(traces)]
+    run = Run(name, _motion(arm, table, traces), _loads(arm, traces), sensors)
+    with placed(traces[0].row.where):
+        clock = find_clock(arm, run, channels)
+    return clock._replace(middle=clock.middle + _first(arm, table, traces[0].row))
 
 
 def _late(name: str, clock: float, offset: float) -> InputError:
@@ -347,10 +368,11 @@ def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
 
 
 def with_notes(arm: Arm, table: Runs) -> Runs:
-    """Return runs with the repairs of their logs, and the traces that share little time with their motion."""
+    """Return runs with notes: found clocks, repairs of logs, traces that share little time with their motion."""
     notes = list[str]()
     for name in table.names:
         traces = _from_start(arm, table, table.of(name))
+        notes += [f"{name}: clock found from the motion, {table.clocks[name]}"] if name in table.clocks else ()
         row, motion, (start, end) = traces[0].row, _motion(arm, table, traces), traces[0].time[[0, -1]].tolist()
         notes += _log(arm, table, row.path).notes if row.path else ()
         common = min(end, float(motion.breaks[-1])) - max(start, 0.0)
@@ -422,9 +444,13 @@ def _trials(arm: Arm, sources: Sequence[ExcitingOrder], run: int, row: RunRow) -
 
 def _from_start(arm: Arm, table: Runs, traces: Sequence[Trace]) -> tuple[Trace, ...]:
     """Return traces with times from the start of their motion; a log has the same clock."""
-    row = traces[0].row
-    first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
+    first = _first(arm, table, traces[0].row)
     return tuple(replace(each, time=each.time - first) for each in traces)
+
+
+def _first(arm: Arm, table: Runs, row: RunRow) -> float:
+    """Return the time [s] at which the motion starts on the clock of its log, if it has one."""
+    return float(_log(arm, table, row.path).time[0]) if row.path else 0.0
 
 
 def unmeasured(arm: Arm, table: Runs, rate: float) -> Runs:
@@ -435,10 +461,9 @@ def unmeasured(arm: Arm, table: Runs, rate: float) -> Runs:
     """
     traces = list[Trace]()
     for trace in table.traces:
-        row = trace.row
-        first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
         time = np.arange(0.0, _motion(arm, table, [trace]).arrival + 1.0, 1 / rate)
-        traces.append(replace(trace, time=first + time, values=np.zeros(len(time))))
+        time += _first(arm, table, trace.row)
+        traces.append(replace(trace, time=time, values=np.zeros(len(time))))
     return replace(table, traces=tuple(traces))
 
 

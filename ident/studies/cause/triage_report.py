@@ -1,11 +1,12 @@
 """The report on the causes of a moving arm's vibration, and its table."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.report.report import Finding, Report, Section, Table, Verdict, cut
 from ident.report.words import TRACE_UNITS, counted
-from ident.text import by_key
+from ident.text import as_word, by_key
 
 if TYPE_CHECKING:
     from ident.measure.runs import Runs
@@ -29,7 +30,11 @@ REMEDIES = {
 def triage_sections(triage: "Triage", runs: "Runs") -> Report:
     """Return the report on the causes of a vibration."""
     found = triage.findings
-    following = "ident source {runs} --arm {arm}" if any(part.next == "source" for part in found) else ""
+    alone = Path(runs.path).name in runs.names  # without a table, which is to be written first
+    source = (
+        f"ident source {as_word(str(Path(runs.path).parent))} --init" if alone else "ident source {runs} --arm {arm}"
+    )
+    following = source if any(part.next == "source" for part in found) else ""
     return Report(
         f"What vibrates in {counted(len(runs.traces), 'trace')} of {counted(len(runs.names), 'run')}",
         _verdict(triage),

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.errors import Problem, refusal
+from ident.errors import Problem, refusal, require
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
@@ -50,6 +50,7 @@ class SimulateOptions(HeldMotionOptions):
     tolerance: float = option(0.1, "of the settling time [mm]", above=0.0)
     at: float | None = option(None, "time [s] from which on a further peak is reported, as 4")
     limit: float | None = option(None, "peak [mm] that should not be exceeded", above=0.0)
+    find_clock: bool = option(False, "find offset and rate of the clock of --trace, instead of taking the motion's")
 
     def problems(self) -> list[Problem]:
         """Refuse a step for a method that chooses its own."""
@@ -164,19 +165,22 @@ def simulate(
         fit: fitted values for the arm: a result, or its file.
         posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes their medians unless it
             has fitted values.
-        trace: measured vibration to compare with, on the clock of the motion, or its file.
+        trace: measured vibration to compare with, or its file; on the clock of the motion, unless its own is to be
+            found (`find_clock`).
         progress: shows progress over the draws.
 
     Raises:
         InputError: contradictory options, a file that does not match the arm, a motion that it can't make.
         ModelError: the arm collapses.
     """
-    from ident.studies.working.simulation import Simulation, simulated_over_phases
+    from ident.studies.working.simulation import Simulation, clock_of, simulated_over_phases
     from ident.vibrate.response import refuse_slack
     from ident.vibrate.study import against, simulate_motion
 
     basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     _check_time(options.at, basis)
+    require(trace or not options.find_clock, "find_clock", "it without a trace", "a measured trace", "give `trace`")
+    clock = clock_of(basis, trace) if trace and options.find_clock else None
     response, other = simulate_motion(
         basis.arm,
         basis.motion,
@@ -197,8 +201,11 @@ def simulate(
         None if options.limit is None else options.limit / 1e3,
         _draws(basis, options, progress),
         trace,
-        against(response, trace.time, trace.values, trace.kind, options.band) if trace else None,
+        against(response, clock.on_motion(trace.time) if clock else trace.time, trace.values, trace.kind, options.band)
+        if trace
+        else None,
         simulated_over_phases(basis, options.elastic_belts, options.rate, options.step),
+        clock,
     )
     return SimulateResult(simulation, options)
 

@@ -11,12 +11,17 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.measure import Trace
+from ident.measure.load import AXES
 from ident.studies.scenario import Basis, OverPhases, over_phases
+from ident.text import one_line
+from ident.vibrate.clock import Clock, find_clock
 from ident.vibrate.compare import Comparison
 from ident.vibrate.fast import LeavesTangentError
 from ident.vibrate.response import Response, belt_tension, slack
 from ident.vibrate.simulate import superposition
+from ident.vibrate.source_problem import Channel
 from ident.vibrate.study import Draws, Sizes, measures
+from ident.vibrate.unit_response import Run, Sensor
 
 T = TypeVar("T")
 
@@ -36,6 +41,7 @@ class Simulation:
         trace: a measured trace.
         comparisons: of the simulation with the trace, by direction.
         phases: the vibration over the unknown phases; None if all are known.
+        clock: of the trace, if it was found.
     """
 
     basis: Basis
@@ -48,6 +54,7 @@ class Simulation:
     trace: Trace | None = None
     comparisons: Mapping[str, Comparison] | None = None
     phases: OverPhases | None = None
+    clock: Clock | None = None
 
     @property
     def difference(self) -> Float[np.ndarray, "3"]:
@@ -163,3 +170,15 @@ def grouped(items: Mapping[str, T], are_alike: Callable[[T, T], bool]) -> list[t
         else:
             names.append(name)
     return groups
+
+
+def clock_of(basis: Basis, trace: Trace) -> Clock:
+    """Return the clock of a trace of the end point against that of the motion.
+
+    Raises:
+        InputError: the trace does not show it, see `find_clock`.
+    """
+    derivative = 2 if trace.kind == "acceleration" else 0
+    sensors = tuple(Sensor(basis.point, AXES[name], derivative=derivative) for name in trace.values)
+    channels = [Channel(name, 0, k, trace.time, values) for k, (name, values) in enumerate(trace.values.items())]
+    return find_clock(basis.arm, Run(one_line(trace.path), basis.motion, basis.loads, sensors), channels)
