@@ -23,7 +23,6 @@ from ident.arm.arm import Arm
 from ident.arm.multibody import possible_orders
 from ident.errors import refusal
 from ident.vibrate.hypotheses import TRACKS
-from ident.vibrate.source_problem import Channel
 from ident.vibrate.unit_response import Response, Run, unit_response
 
 SPLIT, UPPER = 1.0, 25.0
@@ -46,6 +45,9 @@ RIDGE = 1e-6
 """Share of a column that counts as rounding where sources turn alike."""
 ROUNDS = 4
 """Gauss-Newton rounds: three suffice within a quarter of a period."""
+
+Sampled = tuple[Float[np.ndarray, " T"], Float[np.ndarray, " T"]]
+"""Even times [s] and values of a trace."""
 
 
 class Clock(NamedTuple):
@@ -127,28 +129,28 @@ class _Band(NamedTuple):
         return low + step * np.arange(tried + 1), -count * step / FREE / 2 * np.log(left + TRACKS.misfit**2)
 
 
-def find_clock(arm: Arm, run: Run, channels: Sequence[Channel]) -> Clock:
+def find_clock(arm: Arm, run: Run, traces: Sequence[Sampled]) -> Clock:
     """Return the clock of the recorder of a run.
 
     Args:
         arm: the arm; natural frequencies that are 5 % off shift the offset by some milliseconds beyond its error.
         run: the motion and its sensors.
-        channels: their traces with the recorder's times.
+        traces: times [s] by the recorder's clock, and values, of each sensor.
 
     Raises:
         InputError: see `agreeing` and `simulate`.
         ModelError: the arm collapses.
     """
-    return agreeing(unit_response(arm, run, possible_orders(arm)), channels)
+    return agreeing(unit_response(arm, run, possible_orders(arm)), traces)
 
 
-def agreeing(response: Response, channels: Sequence[Channel]) -> Clock:
+def agreeing(response: Response, traces: Sequence[Sampled]) -> Clock:
     """Return the clock with which traces agree best with the response of their sensors to motion and sources.
 
     Raises:
         InputError: no offset agrees better than all others, as at a steady speed.
     """
-    bands = [band for channel in channels for band in _bands(response, channel)]
+    bands = [band for sensor, trace in enumerate(traces) for band in _bands(response, sensor, *trace)]
     pairs = [band.scores(response) for band in bands]
     offsets = pairs[-1][0]
     score = np.sum([np.interp(offsets, *pair) for pair in pairs], 0)
@@ -164,15 +166,15 @@ def agreeing(response: Response, channels: Sequence[Channel]) -> Clock:
     return _refined(response, bands, best, float(np.sqrt(chance[lobes] @ (offsets[lobes] - best) ** 2 / chance.sum())))
 
 
-def _bands(response: Response, channel: Channel) -> Iterator[_Band]:
+def _bands(response: Response, sensor: int, time: np.ndarray, values: np.ndarray) -> Iterator[_Band]:
     """Yield the bands of a trace: of an acceleration the profile as well."""
-    rate, time = channel.rate, channel.time
+    rate = (len(time) - 1) / float(time[-1] - time[0])
     thin = max(1, int(rate / COARSE))
-    for profile in (True, False) if response.run.sensors[channel.sensor].derivative == 2 else (False,):
+    for profile in (True, False) if response.run.sensors[sensor].derivative == 2 else (False,):
         edges = SPLIT if profile else (SPLIT, min(UPPER, 0.4 * rate))
         filter = butter(4, edges, "lowpass" if profile else "bandpass", fs=rate, output="sos")
-        values = sosfiltfilt(filter, channel.values - channel.values.mean())[::thin]
-        yield _Band(channel.sensor, time, filter, thin, values - values.mean(), profile)
+        kept = sosfiltfilt(filter, values - values.mean())[::thin]
+        yield _Band(sensor, time, filter, thin, kept - kept.mean(), profile)
 
 
 def _refined(response: Response, bands: Sequence[_Band], offset: float, lobes: float) -> Clock:

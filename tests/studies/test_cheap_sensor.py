@@ -15,7 +15,7 @@ from ident.errors import InputError
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # programs are compiled
 HERE = DATA / "lcd_arm"
 GRAVITY, NOISE, RATE = 9.80665, 3e-4 * 9.80665, 200.0
 """[m/s^2], [m/s^2/sqrt(Hz)] and samples a second of an accelerometer on a printed board."""
@@ -37,7 +37,7 @@ def folder(tmp_path_factory):
     arm, rows = spec["true_arm"](ident.read_arm(HERE / "arm.toml").arm, rng), ["file,channel,direction,path,group"]
     for speed in SPEEDS:
         motion = stroke(arm.stroke, percent=speed, dwell=2.0)
-        response = simulate(arm, motion, rate=500.0)
+        response = simulate(arm, motion, method="fast", rate=500.0)
         t, h = np.asarray(response.time), 1 / 500
         moved = np.asarray(response.measured) + np.asarray(response.path)
         felt = (moved[:, 2:] - 2 * moved[:, 1:-1] + moved[:, :-2]).T / h**2

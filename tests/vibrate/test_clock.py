@@ -6,7 +6,6 @@ import pytest
 from ident.errors import InputError
 from ident.vibrate.clock import agreeing
 from ident.vibrate.motion import Motion
-from ident.vibrate.source_problem import Channel
 from ident.vibrate.unit_response import Response, Run, Sensor
 
 LENGTH, STROKE, TURNS = 6.0, 0.6, 27.0
@@ -53,7 +52,7 @@ def record(derivative, offset, rate, noise, seed, vibrates=1.0, span=(-1.5, 2.5)
         return vibrates * 1.3 * vibration(t, phase) + (STROKE * way(t) if derivative == 2 else 0.0)
 
     values = (moved(at + h) - 2 * moved(at) + moved(at - h)) / h**2 + 0.05 if derivative == 2 else moved(at)
-    return Channel("run x", 0, 0, time, values + noise * rng.standard_normal(len(time)))
+    return time, values + noise * rng.standard_normal(len(time))
 
 
 @pytest.mark.parametrize(("derivative", "noise"), [(2, 0.05), (0, 2e-5)])
@@ -80,10 +79,9 @@ def test_an_acceleration_shows_the_motion_itself_where_nothing_vibrates():
 
 def test_a_mirrored_motion_is_not_taken_for_a_later_one():
     """The stroke slows down as it speeds up, with the other sign: half of it agrees half a stroke later."""
-    turned = record(2, 0.0, 0.0, 0.02, 1, vibrates=0.0)
-    turned = Channel("run x", 0, 0, turned.time, -turned.values)
+    time, values = record(2, 0.0, 0.0, 0.02, 1, vibrates=0.0)
     with pytest.raises(InputError, match="agree alike"):
-        agreeing(response(2), [turned])
+        agreeing(response(2), [(time, -values)])
 
 
 @pytest.mark.parametrize("derivative", [0, 2])
@@ -102,4 +100,4 @@ def test_steady_speed_and_noise_are_refused(derivative):
         values = size * (np.cos(2 * np.pi * 6 * at + seed) + 0.1 * rng.standard_normal(len(at)))
         for seen, measured in ((steady, values), (response(derivative), size * rng.standard_normal(len(at)))):
             with pytest.raises(InputError, match=r"run: got a clock .* which agree alike, .* standstill .* `delay`"):
-                agreeing(seen, [Channel("run x", 0, 0, at - 3.0, measured)])
+                agreeing(seen, [(at - 3.0, measured)])

@@ -347,10 +347,9 @@ def with_clocks(arm: Arm, table: Runs, offset: float = CLOCK) -> Runs:
 def _clock(arm: Arm, table: Runs, name: str) -> Clock:
     traces = _from_start(arm, table, table.of(name))
     sensors = tuple(_sensor(arm, each) for each in traces)
-    channels = [Channel(name, 0, k, each.time, each.values) for k, each in enumerate(traces)]
     run = Run(name, _motion(arm, table, traces), _loads(arm, traces), sensors)
     with placed(traces[0].row.where):
-        clock = find_clock(arm, run, channels)
+        clock = find_clock(arm, run, [(each.time, each.values) for each in traces])
     return clock._replace(middle=clock.middle + _first(arm, table, traces[0].row))
 
 

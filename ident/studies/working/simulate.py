@@ -12,6 +12,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Progress, Result, alias, silent
+from ident.text import one_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ident.measure import Log, Trace
     from ident.studies.scenario import Basis
     from ident.studies.working.simulation import Simulation
+    from ident.vibrate.clock import Clock
     from ident.vibrate.response import Outline
     from ident.vibrate.study import Draws
 
@@ -173,14 +175,14 @@ def simulate(
         InputError: contradictory options, a file that does not match the arm, a motion that it can't make.
         ModelError: the arm collapses.
     """
-    from ident.studies.working.simulation import Simulation, clock_of, simulated_over_phases
+    from ident.studies.working.simulation import Simulation, simulated_over_phases
     from ident.vibrate.response import refuse_slack
     from ident.vibrate.study import against, simulate_motion
 
     basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     _check_time(options.at, basis)
     require(trace or not options.find_clock, "find_clock", "it without a trace", "a measured trace", "give `trace`")
-    clock = clock_of(basis, trace) if trace and options.find_clock else None
+    clock = _clock(basis, trace) if trace and options.find_clock else None
     response, other = simulate_motion(
         basis.arm,
         basis.motion,
@@ -227,6 +229,18 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
         measure=how,
         progress=progress("draws"),
     )
+
+
+def _clock(basis: "Basis", trace: "Trace") -> "Clock":
+    """Return the clock of a trace of the end point against that of the motion."""
+    from ident.measure.load import AXES
+    from ident.vibrate.clock import find_clock
+    from ident.vibrate.unit_response import Run, Sensor
+
+    derivative = 2 if trace.kind == "acceleration" else 0
+    sensors = tuple(Sensor(basis.point, AXES[name], derivative=derivative) for name in trace.values)
+    run = Run(one_line(trace.path), basis.motion, basis.loads, sensors)
+    return find_clock(basis.arm, run, [(trace.time, values) for values in trace.values.values()])
 
 
 def _check_time(at: float | None, basis: "Basis") -> None:

@@ -4,24 +4,22 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.measure import Trace
-from ident.measure.load import AXES
 from ident.studies.scenario import Basis, OverPhases, over_phases
-from ident.text import one_line
-from ident.vibrate.clock import Clock, find_clock
 from ident.vibrate.compare import Comparison
 from ident.vibrate.fast import LeavesTangentError
 from ident.vibrate.response import Response, belt_tension, slack
 from ident.vibrate.simulate import superposition
-from ident.vibrate.source_problem import Channel
 from ident.vibrate.study import Draws, Sizes, measures
-from ident.vibrate.unit_response import Run, Sensor
+
+if TYPE_CHECKING:
+    from ident.vibrate.clock import Clock
 
 T = TypeVar("T")
 
@@ -54,7 +52,7 @@ class Simulation:
     trace: Trace | None = None
     comparisons: Mapping[str, Comparison] | None = None
     phases: OverPhases | None = None
-    clock: Clock | None = None
+    clock: "Clock | None" = None
 
     @property
     def difference(self) -> Float[np.ndarray, "3"]:
@@ -170,15 +168,3 @@ def grouped(items: Mapping[str, T], are_alike: Callable[[T, T], bool]) -> list[t
         else:
             names.append(name)
     return groups
-
-
-def clock_of(basis: Basis, trace: Trace) -> Clock:
-    """Return the clock of a trace of the end point against that of the motion.
-
-    Raises:
-        InputError: the trace does not show it, see `find_clock`.
-    """
-    derivative = 2 if trace.kind == "acceleration" else 0
-    sensors = tuple(Sensor(basis.point, AXES[name], derivative=derivative) for name in trace.values)
-    channels = [Channel(name, 0, k, trace.time, values) for k, (name, values) in enumerate(trace.values.items())]
-    return find_clock(basis.arm, Run(one_line(trace.path), basis.motion, basis.loads, sensors), channels)
