@@ -9,7 +9,6 @@ are alike, and none is returned. Gauss-Newton steps then refine offset and rate 
 
 References:
     Knapp, Carter, "The generalized correlation method for estimation of time delay", IEEE Trans. ASSP 24(4), 1976.
-    White, "A heteroskedasticity-consistent covariance matrix estimator", Econometrica 48(4), 1980.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,6 +36,8 @@ LOBE = 0.05
 """Distance [s] to the next offset at which a vibration below 10 Hz is in phase again, half of it; assumed."""
 RATE_SD = 1e-3
 """Standard deviation of a clock's relative rate: cheap ones differ by some 1e-4 from a controller's; assumed."""
+EDGE = 1.0
+"""Time [s] at both ends of a record that is left out: a vibration cut there leaves a step behind the filters."""
 SETTLING = 2.0
 """Time [s] before and after a record within which its filters see the motion."""
 NUDGE = 1e-3
@@ -169,23 +170,24 @@ def agreeing(response: Response, traces: Sequence[Sampled]) -> Clock:
 def _bands(response: Response, sensor: int, time: np.ndarray, values: np.ndarray) -> Iterator[_Band]:
     """Yield the bands of a trace: of an acceleration the profile as well."""
     rate = (len(time) - 1) / float(time[-1] - time[0])
-    thin = max(1, int(rate / COARSE))
+    thin, edge = max(1, int(rate / COARSE)), min(round(EDGE * rate), len(time) // 8)
+    inside = slice(edge, len(time) - edge)
     for profile in (True, False) if response.run.sensors[sensor].derivative == 2 else (False,):
         edges = SPLIT if profile else (SPLIT, min(UPPER, 0.4 * rate))
         filter = butter(4, edges, "lowpass" if profile else "bandpass", fs=rate, output="sos")
-        kept = sosfiltfilt(filter, values - values.mean())[::thin]
-        yield _Band(sensor, time, filter, thin, kept - kept.mean(), profile)
+        kept = sosfiltfilt(filter, values - values.mean())[inside][::thin]
+        yield _Band(sensor, time[inside], filter, thin, kept - kept.mean(), profile)
 
 
 def _refined(response: Response, bands: Sequence[_Band], offset: float, lobes: float) -> Clock:
     """Return offset and rate of least residual near an offset, with standard errors.
 
-    The errors hold for residuals that are alike within `FREE` and independent beyond, or for white ones if larger.
+    Residuals count as white, their variance by so much larger as the scores of blocks of `FREE` vary more than that.
     """
     middle, known = float(bands[0].time.mean()), np.diag([0.0, RATE_SD**-2])
     place = np.array([offset, 0.0])
     for _ in range(ROUNDS):
-        normal, blocks = known.copy(), np.zeros((max(1, int(np.ptp(bands[0].time) / FREE)), 2))
+        normal, blocks = np.zeros((2, 2)), np.zeros((max(1, int(np.ptp(bands[0].time) / FREE)), 2))
         for band in bands:
             beyond = round(SETTLING / band.step / band.thin)
             time = band.time[0] + band.step * np.arange(-beyond * band.thin, len(band.time) + beyond * band.thin)
@@ -202,7 +204,8 @@ def _refined(response: Response, bands: Sequence[_Band], offset: float, lobes: f
             noise = float(np.mean(rest**2)) + 1e-300
             normal += slope.T @ slope / noise
             blocks += [each.sum(0) for each in np.array_split(slope * rest[:, None] / noise, len(blocks))]
-        covariance = np.linalg.inv(normal)
-        place = place + covariance @ (blocks.sum(0) - known @ place)
-    sd = np.sqrt(np.diag(np.maximum(covariance, covariance @ (blocks.T @ blocks) @ covariance)))
+        wide = max(1.0, *(np.square(blocks).sum(0) / np.diag(normal)).tolist())
+        covariance = np.linalg.inv(normal / wide + known)
+        place = place + covariance @ (blocks.sum(0) / wide - known @ place)
+    sd = np.sqrt(np.diag(covariance))
     return Clock(float(place[0]), float(place[1]), float(np.hypot(sd[0], lobes)), float(sd[1]), middle)
