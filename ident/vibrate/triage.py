@@ -50,7 +50,8 @@ ORDERS = (1, 2, 4)
 MODES = 5
 """Number of lowest modes in use, up to 20 Hz for the paper's arm; assumed."""
 ALIKE = 0.01
-"""Relative distance below which tracks count as one, from the lower limit of the band on: the mounting of a harmonic drive changes its ratio by 1."""
+"""Relative distance below which tracks count as one: the mounting of a harmonic drive changes its ratio by 1. Below the
+band it is that of the band's lower limit: a log is never quite at rest."""
 SCALES = np.arange(0.94, 1.0601, 0.005)
 """Trial factors on a mode's frequency, for stiffnesses known to 10 %; assumed."""
 NEAR = 0.2
