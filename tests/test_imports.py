@@ -130,7 +130,7 @@ def test_the_check_sees_imports():
 REACHES = {
     "predict": 16_200,
     "fit": 24_200,
-    "simulate": 20_500,
+    "simulate": 21_100,
     "sample": 27_300,
     "modal": 20_400,
     "sweep": 21_200,

@@ -198,7 +198,7 @@ MAIN: Mapping[str, str] = {
     "resonance": "speed path fit posterior orders load",
     "simulate": "speed limit path fit posterior trace errors",
     "spectrum": "direction upto posture orders spectrogram against",
-    "triage": "orders upto",
+    "triage": "path delay orders upto",
     "source": "init posterior hold_out offset strict",
     "sweep": "vary grid limit speed fit posterior",
     "motion": "limit time speed fit posterior errors",

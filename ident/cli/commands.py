@@ -212,11 +212,13 @@ offer(
     triage,
     """Tell what makes the vibration of a moving arm: a drive, a mode, or a fixed line. Nothing must be identified.
 
-    RUNS is a table: a row for each trace, with how the arm moved (ident source --init). Writes RUNS.triage.json and the
-    order map RUNS.triage.png into the folder given by --out.
+    RUNS is a table: a row for each trace, with how the arm moved (ident source --init); or, with --path, one trace of
+    the end point: time [s], x [mm] or x [m/s^2], ... Writes RUNS.triage.json and the order map RUNS.triage.png into the
+    folder given by --out.
     """,
-    runs=Annotated[Path, typer.Argument(metavar="runs", help="table of runs, a CSV file; see the manual")],
+    runs=Annotated[Path, typer.Argument(metavar="runs", help="table of runs, a CSV file; with --path a trace")],
     arm=flag("arm description; default: arm.toml beside the table", "--arm"),
+    path=flag("joint angles during one trace without a table: CSV with time [s], joint1 [deg], ..."),
 )
 
 

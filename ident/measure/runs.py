@@ -22,11 +22,13 @@ from ident.measure.channels import (
     write_blank,
 )
 from ident.measure.columns import ABOVE_0, Number, Row, Rule, Word, read_rows
-from ident.measure.load import Load, Vector, parse_direction
+from ident.measure.load import AXES, Load, Vector, parse_direction
+from ident.measure.log import Log
 from ident.measure.recordings import Channel, read_recording
 from ident.measure.recordings.recording import SourceFile
 from ident.measure.samples import NONE, Columns
 from ident.measure.table import Findings, parse_number, read_table
+from ident.measure.trace import Trace as SampledTrace
 from ident.text import NAME, did_you_mean, one_line, quoted
 from ident.units import to_si
 
@@ -36,7 +38,7 @@ COMMENTS = (
     "A row for each channel that counts: point (default: the end point), direction (x, -z, 0 0.6 -0.8), frame (base or",
     "body), unit (mm, m/s, m/s^2, g_0; or that of the file), sensitivity (numbers of the file for one unit); how the",
     "arm moved: speed [%] of the stroke, or path (a log with time [s], joint1 [deg], ...), retract (yes or no), load",
-    "(glass + 0.2 kg @ tip); delay [s] to add to the file's times, so that motion (or log) starts at 0;",
+    "(glass + 0.2 kg @ tip); delay [s] to add to the file's times, so that motion (or log) starts at 0; blank: found;",
     "group: runs of one group have kept the pulleys' angles between them; trial: masses added to drives for this run,",
     "12 g @ drive2 40 mm 90 deg + ... (radius; angle about the joint's axis at joint angle 0). Displacements and",
     "velocities are of the vibration alone, accelerations have the motion itself in them, and gravity. Rows without",
@@ -110,7 +112,8 @@ class RunRow(RecordedChannel):
         speed: [%] of full speed, or of a path's own; None for a path's own.
         path: file of a joint log, in the table's folder; empty for the arm's stroke.
         retract: whether the stroke goes from unfolded to folded.
-        delay: [s] added to the file's times, so that the motion, or the clock of its log, starts at 0.
+        delay: [s] added to the file's times, so that the motion, or the clock of its log, starts at 0; None if the
+            table does not state it.
         group: runs of one group share the pulleys' angles; empty for a group of its own.
         trial: masses on the drives during this run.
     """
@@ -119,7 +122,7 @@ class RunRow(RecordedChannel):
     speed: float | None = None
     path: str = ""
     retract: bool = False
-    delay: float = 0.0
+    delay: float | None = None
     group: str = ""
     trial: tuple[TrialMass, ...] = ()
 
@@ -143,7 +146,7 @@ RULES = (
     Rule("path"),
     Rule("retract", Word(("no", "yes")), "no"),
     Rule("load", Load.parse),
-    Rule("delay", parse_number, 0.0, quantities=("time",), unit="s"),
+    Rule("delay", parse_number, None, quantities=("time",), unit="s"),
     Rule("group"),
     Rule("trial", TrialMass.parse),
     Rule("note"),
@@ -182,6 +185,7 @@ class Runs:
         files: the recordings and logs, by name.
         notes: remarks on them.
         columns: headers by names of the files, for what these do not say themselves.
+        clocks: found clocks (`vibrate.clock.Clock`) by which times were corrected, by the recording's name.
     """
 
     path: str
@@ -190,6 +194,7 @@ class Runs:
     files: Mapping[str, SourceFile]
     notes: tuple[str, ...] = ()
     columns: Columns = field(default_factory=dict)
+    clocks: Mapping[str, Any] = field(default_factory=dict)
 
     def of(self, file: str) -> tuple[Trace, ...]:
         """Return the traces of one file."""
@@ -230,6 +235,29 @@ def read_runs(path: str | Path, columns: Columns = NONE) -> Runs:
     files |= _logs(rows, folder, findings)
     refuse(findings)
     return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files, tuple(notes), columns)
+
+
+def runs_of(trace: SampledTrace, log: Log, delay: float | None = None) -> Runs:
+    """Return the run of one trace of the end point, in axes of the base, and one log of the joints.
+
+    Args:
+        trace: each of its directions is a channel.
+        log: the joints' angles meanwhile.
+        delay: [s] to add to the trace's times for those of the log; None if unknown.
+
+    Raises:
+        InputError: clipped samples, or too low a rate.
+    """
+    findings, traces, derivative = Findings(), list[Trace](), tuple(QUANTITIES).index(trace.kind)
+    file, path, step = Path(trace.path).name, Path(log.path).name, trace.interval
+    for name, values in trace.values.items():
+        row = RunRow(where=file, file=file, channel=name, direction=AXES[name], path=path, delay=delay)
+        findings.attempt(file, name, _check_record, values, step, file)
+        values, slower = _slower(values, step)
+        time = (delay or 0.0) + trace.time[0] + slower * np.arange(len(values))
+        traces.append(Trace(row, derivative, time, values))
+    refuse(findings)
+    return Runs(trace.path, trace.sha256, tuple(traces), {path: SourceFile(log.path, log.sha256)})
 
 
 def planned_runs(path: str | Path) -> Runs:
@@ -321,7 +349,7 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
     _check_record(values, channel.step, one_line(row.file))
     start = channel.start[0] if isinstance(channel.start, tuple) else channel.start
     values, step = _slower(values, channel.step)
-    return Trace(row, derivative, row.delay + start + step * np.arange(len(values)), values * factor)
+    return Trace(row, derivative, (row.delay or 0.0) + start + step * np.arange(len(values)), values * factor)
 
 
 def _check_record(values: Float[np.ndarray, "T"], step: float, file: str) -> None:

@@ -49,7 +49,8 @@ ORDERS = (1, 2, 4)
 MODES = 5
 """Number of lowest modes in use, up to 20 Hz for the paper's arm; assumed."""
 ALIKE = 0.01
-"""Relative distance below which tracks count as one: the mounting of a harmonic drive changes its ratio by 1."""
+"""Relative distance below which tracks count as one: the mounting of a harmonic drive changes its ratio by 1. Below the
+band it is that of the band's lower limit: a log is never quite at rest."""
 SCALES = np.arange(0.94, 1.0601, 0.005)
 """Trial factors on a mode's frequency, for stiffnesses known to 10 %; assumed."""
 NEAR = 0.2
@@ -357,7 +358,8 @@ def _drives(
         turns, j = order * abs(float(drive.ratio)) / (2 * np.pi), joints.index(drive.joint)
         track = tuple(turns * speed[j] for speed in speeds)
         for k, group in enumerate(groups):
-            if all((np.abs(a - b) <= ALIKE * a).all() for a, b in zip(group.frequency, track, strict=True)):
+            pairs = zip(group.frequency, track, records, strict=True)
+            if all((np.abs(a - b) <= ALIKE * np.maximum(a, r.band[0])).all() for a, b, r in pairs):
                 groups[k] = replace(group, drives=(*group.drives, (drive.name, order)))
                 break
         else:

@@ -1,6 +1,7 @@
 """Tables of runs: slips of the pen in units, times and speeds are refused in one line that names them."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from arms import DATA
 import ident
 from ident.arm.multibody import possible_orders
 from ident.errors import InputError
-from ident.measure.runs import read_runs
+from ident.measure.runs import read_runs, runs_of
 from ident.studies.cause.run_problem import posed, with_notes
 from ident.studies.cause.source_report import too_large
 from ident.studies.cause.triage import moving_traces
@@ -203,3 +204,27 @@ def test_the_arm_is_named_where_it_does_not_lie_beside_the_runs(tmp_path, run):
     (tmp_path / "runs.csv").unlink()
     _, out, err = run("source", ".", "--init")
     assert "--arm" not in out + err
+
+
+def test_one_trace_and_one_log_are_runs_as_a_table_says_them(tmp_path):
+    """Of each column of the trace; without a table nothing states the delay."""
+    (tmp_path / "run7.csv").write_text(RECORDED)
+    (tmp_path / "runs.csv").write_text(
+        "file,channel,direction,path,delay [s]\n" + "".join(f"run7.csv,{way},{way},log.csv,0.5\n" for way in "yz")
+    )
+    time = np.arange(0, 40, 0.02)
+    rows = np.column_stack([time + 7, *(20 - 20 * np.cos(2 * np.pi * time / 40) for _ in range(3))])
+    header = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
+    np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
+    trace, log = ident.read_trace(tmp_path / "run7.csv"), ident.read_log(tmp_path / "log.csv", ["joint1"])
+    stated, runs = read_runs(tmp_path / "runs.csv"), runs_of(trace, log, 0.5)
+    for own, other in zip(runs.traces, stated.traces, strict=True):
+        assert replace(own.row, where="") == replace(other.row, where="")
+        assert own.derivative == other.derivative == 0
+        np.testing.assert_allclose(own.time, other.time, atol=1e-9)
+        np.testing.assert_allclose(own.values, other.values, rtol=1e-9)
+    assert (runs.files["log.csv"], runs.name) == (stated.files["log.csv"], "run7")
+    assert {each.row.delay for each in runs_of(trace, log).traces} == {None}
+    still = replace(trace, values={"y": np.zeros(len(trace.time))})
+    with pytest.raises(InputError, match=r"run7.csv, y: got 0 in all samples"):
+        runs_of(still, log)

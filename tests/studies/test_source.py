@@ -21,7 +21,7 @@ from ident.measure.runs import _clipped, read_runs, write_runs
 from ident.studies.basis import assumption_findings
 from ident.studies.cause import source_plan
 from ident.studies.cause import source_study as source
-from ident.studies.cause.source_study import _predicted, _refuse_late
+from ident.studies.cause.source_study import _predicted, _refuse_late, with_clocks, with_notes
 from ident.studies.cure.cures import cures
 from ident.studies.cure.diagnose import Job
 from ident.studies.cure.diagnosis import ResonanceAssessment, stages_of
@@ -30,8 +30,10 @@ from ident.studies.saved import files_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_causes import WIDTH, Band
-from ident.vibrate.source_problem import Prior
 from ident.vibrate.sweep import Sensitivities
+
+STATED = HEAD.replace("load", "load,delay [s]")
+"""Head of a table that states when the motion starts."""
 
 
 @pytest.fixture(scope="module")
@@ -340,21 +342,30 @@ def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
     spoilt = spoil(record[:, 1])
     record = np.column_stack([record[: len(spoilt), 0], spoilt, record[: len(spoilt), 2]])
     np.savetxt(folder / "run99.csv", record, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
-    (folder / "wrong.csv").write_text(HEAD + "run99.csv,y,y,12,a,\n")
+    (folder / "wrong.csv").write_text(STATED + "run99.csv,y,y,12,a,,0\n")
     with pytest.raises(InputError, match=complaint):
         ident.source(folder / "wrong.csv")
 
 
-def test_a_run_beyond_the_stated_offset_is_named(folder):
-    """A recorder that starts 0.3 s early is found beyond 50 ms; one 10 ms off is not complained of."""
+def test_a_clock_beyond_the_offset_is_named_where_its_delay_is_stated_and_found_else(folder):
+    """A recorder that starts 0.3 s early is found beyond 50 ms; one 10 ms off is not complained of, and stays."""
     record = np.loadtxt(folder / "run12.csv", delimiter=",", skiprows=1)
     record[:, 0] += 0.3
     np.savetxt(folder / "run12.3.csv", record, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
-    (folder / "late.csv").write_text(HEAD + "".join(f"run12.3.csv,{way},{way},12,a,\n" for way in "yz"))
+    (folder / "late.csv").write_text(STATED + "".join(f"run12.3.csv,{way},{way},12,a,,0\n" for way in "yz"))
     arm = read_arm(FILE).arm
     with pytest.raises(InputError, match=r"run12.3.csv: got a clock -\d+ ms off the motion's, expected at most 50 ms"):
-        _refuse_late(arm, read_runs(folder / "late.csv"), ["run12.3.csv"], Prior.of(arm, {}), 0.05)
-    _refuse_late(arm, read_runs(table(folder, (12.0,), "one.csv")), ["run12.csv"], Prior.of(arm, {}), 0.05)
+        _refuse_late(arm, read_runs(folder / "late.csv"), ["run12.3.csv"], 0.05)
+    right = read_runs(table(folder, (12.0,), "one.csv"))
+    _refuse_late(arm, right, ["run12.csv"], 0.05)
+    assert with_clocks(arm, right).clocks == {}
+    (folder / "found.csv").write_text(HEAD + "".join(f"run12.3.csv,{way},{way},12,a,\n" for way in "yz"))
+    found = with_clocks(arm, read_runs(folder / "found.csv"))
+    assert found.clocks["run12.3.csv"].offset == pytest.approx(0.01 - 0.3, abs=0.01)
+    assert found.traces[0].time[0] == pytest.approx(right.traces[0].time[0] + 0.01, abs=0.02)
+    (note,) = with_notes(arm, found).notes
+    assert note.startswith("run12.3.csv: clock found from the motion, delay -0.2")
+    assert note.endswith("ppm")
 
 
 @pytest.mark.parametrize(

@@ -7,17 +7,20 @@ from pathlib import Path
 import numpy as np
 
 from ident.arm.arm import Arm
+from ident.arm.chain import Loads
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders, refuse_moments
-from ident.arm.plausibility import reach_of
+from ident.arm.sizes import reach_of
 from ident.description.file import ArmFile
 from ident.errors import placed, refusal
 from ident.identify.binding import loads_of
 from ident.measure import Log, read_log
 from ident.measure.runs import RunRow, Runs, Trace, read_runs
 from ident.measure.samples import Columns
+from ident.measure.trace import Trace as SampledTrace
 from ident.studies.shared import as_file
 from ident.text import one_line
 from ident.vibrate.binomial import HALF_WIDTH
+from ident.vibrate.clock import Clock, find_clock
 from ident.vibrate.motion import Motion, beyond_limits, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.source_problem import CLOCK_SD, LAGS, Channel, Prior, SourceProblem, Trial, slow_columns
@@ -51,8 +54,8 @@ def as_runs(runs: Runs | str | Path, columns: Columns) -> Runs:
     return runs if isinstance(runs, Runs) else read_runs(runs, columns)
 
 
-def arm_beside(runs: Runs, soft_base: float | None) -> ArmFile:
-    """Return the arm of a table of runs, from the same folder.
+def arm_beside(runs: Runs | SampledTrace, soft_base: float | None) -> ArmFile:
+    """Return the arm of a table of runs, or of a trace, from the same folder.
 
     Raises:
         InputError: no such file, or an error in it.
@@ -86,9 +89,7 @@ def problem_of(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset
     for number, name in enumerate(names):
         traces = _from_start(arm, table, table.of(name))
         motion = _motion(arm, table, traces)
-        with placed(traces[0].row.where):
-            refuse_moments(loads := loads_of(arm, traces[0].row.load))
-        runs.append(Run(name, motion, loads, tuple(_sensor(arm, each) for each in traces)))
+        runs.append(Run(name, motion, _loads(arm, traces), tuple(_sensor(arm, each) for each in traces)))
         for sensor, trace in enumerate(traces):
             channels.append(_channel(arm, trace, motion, number, sensor, offset))
     words = [table.of(name)[0].row.group or name for name in names]
@@ -98,6 +99,12 @@ def problem_of(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset
     for number, name in enumerate(names):
         trials += _trials(arm, sources, number, table.of(name)[0].row)
     return SourceProblem(arm, tuple(runs), groups, tuple(channels), sources, prior, offset, tuple(trials))
+
+
+def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
+    with placed(traces[0].row.where):
+        refuse_moments(loads := loads_of(arm, traces[0].row.load))
+    return loads
 
 
 def _trials(arm: Arm, sources: Sequence[ExcitingOrder], run: int, row: RunRow) -> Iterator[Trial]:
@@ -178,9 +185,13 @@ def _log(arm: Arm, table: Runs, path: str) -> Log:
 
 def _from_start(arm: Arm, table: Runs, traces: Sequence[Trace]) -> tuple[Trace, ...]:
     """Return traces with times from the start of their motion; a log has the same clock."""
-    row = traces[0].row
-    first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
+    first = _first(arm, table, traces[0].row)
     return tuple(replace(each, time=each.time - first) for each in traces)
+
+
+def _first(arm: Arm, table: Runs, row: RunRow) -> float:
+    """Return the time [s] at which the motion starts on the clock of its log, if it has one."""
+    return float(_log(arm, table, row.path).time[0]) if row.path else 0.0
 
 
 def _refuse_alone(table: Runs, name: str, used: Sequence[str]) -> None:
@@ -201,18 +212,48 @@ def unmeasured(arm: Arm, table: Runs, rate: float) -> Runs:
     """
     traces = list[Trace]()
     for trace in table.traces:
-        row = trace.row
-        first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
         time = np.arange(0.0, _motion(arm, table, [trace]).arrival + 1.0, 1 / rate)
-        traces.append(replace(trace, time=first + time, values=np.zeros(len(time))))
+        time += _first(arm, table, trace.row)
+        traces.append(replace(trace, time=time, values=np.zeros(len(time))))
     return replace(table, traces=tuple(traces))
 
 
+def with_clocks(arm: Arm, table: Runs, offset: float = CLOCK) -> Runs:
+    """Return runs with the times of their motion, where the table states no delay and the clock is beyond the offset.
+
+    Raises:
+        InputError: a clock that its trace does not show, see `find_clock`.
+    """
+    unknown = [name for name in table.names if table.of(name)[0].row.delay is None]
+    every = {name: clock_of(arm, table, name) for name in unknown}
+    clocks = {name: clock for name, clock in every.items() if abs(clock.offset) > offset}
+    traces = [
+        replace(own, time=clocks[own.row.file].on_motion(own.time)) if own.row.file in clocks else own
+        for own in table.traces
+    ]
+    return replace(table, traces=tuple(traces), clocks=clocks)
+
+
+def clock_of(arm: Arm, table: Runs, name: str) -> Clock:
+    """Return the clock of a run's recorder as its traces show it.
+
+    Raises:
+        InputError: they don't, see `find_clock`.
+    """
+    traces = _from_start(arm, table, table.of(name))
+    sensors = tuple(_sensor(arm, each) for each in traces)
+    run = Run(name, _motion(arm, table, traces), _loads(arm, traces), sensors)
+    with placed(traces[0].row.where):
+        clock = find_clock(arm, run, [(each.time, each.values) for each in traces])
+    return clock._replace(middle=clock.middle + _first(arm, table, traces[0].row))
+
+
 def with_notes(arm: Arm, table: Runs) -> Runs:
-    """Return runs with the repairs of their logs, and the traces that share little time with their motion."""
+    """Return runs with notes: found clocks, repairs of logs, traces that share little time with their motion."""
     notes = list(table.notes)
     for name in table.names:
         traces = _from_start(arm, table, table.of(name))
+        notes += [f"{name}: clock found from the motion, {table.clocks[name]}"] if name in table.clocks else ()
         row, motion, (start, end) = traces[0].row, _motion(arm, table, traces), traces[0].time[[0, -1]].tolist()
         notes += _log(arm, table, row.path).notes if row.path else ()
         common = min(end, float(motion.breaks[-1])) - max(start, 0.0)

@@ -27,7 +27,9 @@ MOST_DRAWS = 4000
 class SourceOptions(RunsOptions):
     """Options of `ident.source`: the clock error, and the runs left out for testing."""
 
-    offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", above=0.0, high=1.0)
+    offset: float = option(
+        0.05, "time [s] by which a recorder's clock may differ from the motion's", above=0.0, high=1.0
+    )
     hold_out: tuple[str, ...] = repeated(
         (), "file of a run to leave out and to predict; may be repeated", read=reading.names
     )
@@ -139,14 +141,14 @@ def source(
         InputError: a file is wrong, or does not match the arm; runs without common time or with too few turns.
         ModelError: the arm collapses.
     """
-    from ident.studies.cause.run_problem import arm_beside, as_runs, with_notes
+    from ident.studies.cause.run_problem import arm_beside, as_runs, with_clocks, with_notes
     from ident.studies.cause.source_study import studied
 
     runs = as_runs(runs, options.columns)
     arm = arm or arm_beside(runs, options.soft_base)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
     described = with_numbers(arm.arm, drawn, options.set)
-    runs = with_notes(described, runs)
+    runs = with_notes(described, with_clocks(described, runs, options.offset))
     draws = drawn.without(options.set) if drawn else {}
     found = studied(
         described,

@@ -197,9 +197,11 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     ]
     heads = "Number", "change [%]|+.2f", "std. error [%]|.2f", "before [%]|.2f"
     yield Section("Stiffness and damping", (by_head(heads, numbers),))
-    pairs = zip(problem.runs, place.clock, strict=True)
-    clocks = [(run.name, 1e3 * offset, 1e6 * rate) for run, (offset, rate) in pairs]
-    yield Section("Clocks", (by_head(("Run", "clock offset [ms]|.2f", "clock rate [1e-6]|.0f"), clocks),))
+    errors = np.sqrt(np.diag(found.covariance))[len(place.changes) :][: place.clock.size].reshape(place.clock.shape)
+    groups = zip(problem.runs, place.clock, errors, strict=True)
+    clocks = [(run.name, 1e3 * offset, 1e3 * o, 1e6 * rate, 1e6 * r) for run, (offset, rate), (o, r) in groups]
+    heads = "Run", "offset [ms]|.2f", "std. error [ms]|.2f", "rate [1e-6]|.0f", "std. error [1e-6]|.0f"
+    yield Section("Clocks, beyond a delay that was found from the motion", (by_head(heads, clocks),))
     traces = [
         (channel.name, channel.rate, 100 * share, *np.degrees(tilt), 100 * (problem.factor(k, place) - 1))
         for k, (channel, share, tilt) in enumerate(zip(problem.channels, found.explained, place.tilt, strict=True))

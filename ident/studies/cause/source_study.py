@@ -11,7 +11,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.multibody import IMBALANCE, ExcitingOrder
 from ident.errors import InputError, refusal
 from ident.measure.runs import Runs
-from ident.studies.cause.run_problem import posed, problem_of
+from ident.studies.cause.run_problem import clock_of, posed, problem_of
 from ident.studies.cause.trials import Tried
 from ident.vibrate.motion import stroke
 from ident.vibrate.source_causes import Causes, check_peak, compared
@@ -38,8 +38,6 @@ MISSED = 0.2
 """Share of a left-out run's mean square by which its prediction may be wrong beyond noise; assumed."""
 RATES = np.linspace(-5e-3, 5e-3, 21)
 """Relative clock errors tried if a left-out run is not predicted; assumed."""
-LATEST = 1.0
-"""Largest clock error [s] searched if the stated offset leads to no solution; assumed."""
 FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
 """Speeds [%] of the runs that are tried if some source is not determined; assumed."""
 TESTED = 100
@@ -219,7 +217,7 @@ def studied(
         if abs(clock) > offset * (1 - 1e-9):
             raise _late(run.name, clock, offset)
     if not SourceStudy(found, (), True).usable:
-        _refuse_late(arm, table, used, prior, offset)
+        _refuse_late(arm, table, used, offset)
     held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
     known = all(path in draws for path in stiffness_paths(arm))
     first, rate, further = problem.runs[0], min(channel.rate for channel in problem.channels), dict[float, Run]()
@@ -233,18 +231,15 @@ def studied(
     return SourceStudy(found, tuple(held), known, tells, causes)
 
 
-def _refuse_late(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> None:
-    """Refuse a run if a clock beyond the offset has less than half the residual of the best clock within it."""
-    for name in names:
+def _refuse_late(arm: Arm, table: Runs, names: Sequence[str], offset: float) -> None:
+    """Refuse a run if its trace shows a clock beyond the offset, though the table states its delay."""
+    for name in (name for name in names if table.of(name)[0].row.delay is not None):
         try:
-            own = problem_of(arm, table, [name], prior, LATEST)
-        except InputError:  # too short for such a shift
+            clock = clock_of(arm, table, name)
+        except InputError:  # its trace does not show it
             continue
-        place = own.start._replace(changes=prior.mean)
-        responses = own.responses(place)
-        (clock, far), (_, near) = (clock_offsets(replace(own, offset=x), responses, place) for x in (LATEST, offset))
-        if abs(clock[0, 0]) > offset and far[0] < near[0] / 2:
-            raise _late(name, float(clock[0, 0]), offset)
+        if abs(clock.offset) > offset:
+            raise _late(name, clock.offset, offset)
 
 
 def _late(name: str, clock: float, offset: float) -> InputError:

@@ -1,11 +1,12 @@
 """The report on the causes of a moving arm's vibration, and its table."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut
 from ident.report.words import TRACE_UNITS, counted
-from ident.text import by_key
+from ident.text import as_word, by_key
 
 if TYPE_CHECKING:
     from ident.measure.runs import Runs
@@ -31,7 +32,10 @@ def triage_sections(triage: "Triage", runs: "Runs") -> Report:
     found = triage.findings
     places = ((what(part), _trace(part, runs), part.time) for part in found)
     strongest = by_head(("What it follows", "trace", "time [s]|.1f"), places)
-    following = "ident source {runs} --arm {arm}" if any(part.next == "source" for part in found) else ""
+    alone = Path(runs.path).name in runs.names  # without a table, which is to be written first
+    table = f"ident source {as_word(str(Path(runs.path).parent))} --init"
+    source = table if alone else "ident source {runs} --arm {arm}"
+    following = source if any(part.next == "source" for part in found) else ""
     return Report(
         f"What vibrates in {counted(len(runs.traces), 'trace')} of {counted(len(runs.names), 'run')}",
         _verdict(triage),

@@ -6,12 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.errors import Problem, refusal
+from ident.errors import Problem, refusal, require
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Progress, Result, alias, silent
+from ident.text import one_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ident.measure import Log, Trace
     from ident.studies.scenario import Basis
     from ident.studies.working.simulation import Simulation
+    from ident.vibrate.clock import Clock
     from ident.vibrate.response import Outline
     from ident.vibrate.study import Draws
 
@@ -49,6 +51,7 @@ class SimulateOptions(HeldMotionOptions):
     tolerance: float = option(0.1, "of the settling time [mm]", above=0.0)
     at: float | None = option(None, "time [s] from which on a further peak is reported, as 4")
     limit: float | None = option(None, "peak [mm] that should not be exceeded", above=0.0)
+    find_clock: bool = option(False, "find offset and rate of the clock of --trace, instead of taking the motion's")
 
     def problems(self) -> list[Problem]:
         """Refuse a step for a method that chooses its own."""
@@ -160,7 +163,8 @@ def simulate(
         fit: fitted values for the arm: a result, or its file.
         posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes their medians unless it
             has fitted values.
-        trace: measured vibration to compare with, on the clock of the motion, or its file.
+        trace: measured vibration to compare with, or its file; on the clock of the motion, unless its own is to be
+            found (`find_clock`).
         progress: shows progress over the draws.
 
     Raises:
@@ -173,6 +177,8 @@ def simulate(
 
     basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     _check_time(options.at, basis)
+    require(trace or not options.find_clock, "find_clock", "it without a trace", "a measured trace", "give `trace`")
+    clock = _clock(basis, trace) if trace and options.find_clock else None
     response, other = simulate_motion(
         basis.arm,
         basis.motion,
@@ -193,8 +199,11 @@ def simulate(
         None if options.limit is None else options.limit / 1e3,
         _draws(basis, options, progress),
         trace,
-        against(response, trace.time, trace.values, trace.kind, options.band) if trace else None,
+        against(response, clock.on_motion(trace.time) if clock else trace.time, trace.values, trace.kind, options.band)
+        if trace
+        else None,
         simulated_over_phases(basis, options.elastic_belts, options.rate, options.step),
+        clock,
     )
     return SimulateResult(simulation, options)
 
@@ -216,6 +225,18 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
         measure=how,
         progress=progress("draws"),
     )
+
+
+def _clock(basis: "Basis", trace: "Trace") -> "Clock":
+    """Return the clock of a trace of the end point against that of the motion."""
+    from ident.measure.load import AXES
+    from ident.vibrate.clock import find_clock
+    from ident.vibrate.unit_response import Run, Sensor
+
+    derivative = 2 if trace.kind == "acceleration" else 0
+    sensors = tuple(Sensor(basis.point, AXES[name], derivative=derivative) for name in trace.values)
+    run = Run(one_line(trace.path), basis.motion, basis.loads, sensors)
+    return find_clock(basis.arm, run, [(trace.time, values) for values in trace.values.values()])
 
 
 def _check_time(at: float | None, basis: "Basis") -> None:

@@ -156,6 +156,8 @@ def _dominant(comparison: "Comparison") -> list[float | None]:
 def _findings(simulation: "Simulation") -> Iterator[Finding]:
     """Yield the findings that affect the result, most important first."""
     basis, spans = simulation.basis, simulation.slack
+    if simulation.clock:
+        yield Finding(f"clock of the trace, found from the motion: {simulation.clock}")
     if spans:
         number, side, start, end = spans[0]
         more = f" ({len(spans)} times in all)" if len(spans) > 1 else ""

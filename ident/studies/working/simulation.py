@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +18,9 @@ from ident.vibrate.fast import LeavesTangentError
 from ident.vibrate.response import Response, belt_tension, slack
 from ident.vibrate.simulate import superposition
 from ident.vibrate.study import Draws, Sizes, measures
+
+if TYPE_CHECKING:
+    from ident.vibrate.clock import Clock
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,7 @@ class Simulation:
         trace: a measured trace.
         comparisons: of the simulation with the trace, by direction.
         phases: the vibration over the unknown phases; None if all are known.
+        clock: of the trace, if it was found.
     """
 
     basis: Basis
@@ -46,6 +51,7 @@ class Simulation:
     trace: Trace | None = None
     comparisons: Mapping[str, Comparison] | None = None
     phases: OverPhases | None = None
+    clock: "Clock | None" = None
 
     @property
     def difference(self) -> Float[np.ndarray, "3"]:
