@@ -2,8 +2,8 @@
 
 Each case is drawn from the seed and its number alone: a command, one of its files (or its options, or the defaults
 beside them), and one to three mutations of it. It must end with a documented exit status and without a traceback, say
-what is wrong in whole lines that name a place, take less than 60 s of one core (a whole `diagnose` 240 s) and 2 GB, and
-leave nothing half-written (`tests/test_fuzz.py` has a hundred of them).
+what is wrong in whole lines that name a place, take less than 60 s of one core (a whole `source` 120 s, `diagnose`
+240 s) and 2 GB, and leave nothing half-written (`tests/test_fuzz.py` has a hundred of them).
 """
 
 import argparse
@@ -41,8 +41,8 @@ from broken import NUMBERS, WORDS, broken_bytes, broken_texts, damaged, pick
 DATA, SAVED = ROOT / "data", ROOT / "tests" / "data" / "results" / "10"
 SECONDS, MEMORY, STUCK = 60, 2_000, 900
 """CPU time [s] and memory [MB] that a case may take, and the time [s] after which a silent worker is ended."""
-ALL_STAGES = {"diagnose": 240}
-"""CPU time [s] of commands that sample, simulate and design where an input is taken, most of it to compile."""
+ALL_STAGES = {"diagnose": 240, "source": 120}
+"""CPU time [s] of commands that search, sample and simulate where an input is taken, most of it to compile."""
 STATUSES = (0, 1, 2, 3)
 LONGEST = 1200
 """Characters of a line that says what is wrong."""

@@ -11,7 +11,7 @@ from ident.arm.chain import Loads
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders, refuse_moments
 from ident.arm.sizes import reach_of
 from ident.description.file import ArmFile
-from ident.errors import placed, refusal
+from ident.errors import InputError, placed, refusal
 from ident.identify.binding import loads_of
 from ident.measure import Log, read_log
 from ident.measure.runs import RunRow, Runs, Trace, read_runs
@@ -222,16 +222,24 @@ def with_clocks(arm: Arm, table: Runs, offset: float = CLOCK) -> Runs:
     """Return runs with the times of their motion, where the table states no delay and the clock is beyond the offset.
 
     Raises:
-        InputError: a clock that its trace does not show, see `find_clock`.
+        InputError: the traces do not show the clock of a log's motion, see `find_clock`; of a stroke this is a note.
     """
-    unknown = [name for name in table.names if table.of(name)[0].row.delay is None]
-    every = {name: clock_of(arm, table, name) for name in unknown}
-    clocks = {name: clock for name, clock in every.items() if abs(clock.offset) > offset}
+    clocks, notes = dict[str, Clock](), list(table.notes)
+    for name in (name for name in table.names if table.of(name)[0].row.delay is None):
+        try:
+            clock = clock_of(arm, table, name)
+        except InputError as error:
+            if table.of(name)[0].row.path:
+                raise
+            notes.append(f"{name}: taken as on the motion's clock, for its traces show {error.problems[0].got}")
+            continue
+        if abs(clock.offset) > offset:
+            clocks[name] = clock
     traces = [
         replace(own, time=clocks[own.row.file].on_motion(own.time)) if own.row.file in clocks else own
         for own in table.traces
     ]
-    return replace(table, traces=tuple(traces), clocks=clocks)
+    return replace(table, traces=tuple(traces), clocks=clocks, notes=tuple(notes))
 
 
 def clock_of(arm: Arm, table: Runs, name: str) -> Clock:
