@@ -132,7 +132,7 @@ def _known_by_alias(record: Record, rules: Sequence[Rule], faults: Findings, rem
     """Return a header with the names of wanted columns that it has under another name."""
     where, cells = record
     pairs = [name_and_unit(cell) for cell in cells]
-    names = {name.lower() for name, _ in pairs}
+    names, taken = {name.lower() for name, _ in pairs}, list[str]()
     for rule in rules:
         known = [i for i, (name, _) in enumerate(pairs) if rule.alias and re.fullmatch(rule.alias, name, re.IGNORECASE)]
         if rule.name.lower() in names or not known:
@@ -142,8 +142,10 @@ def _known_by_alias(record: Record, rules: Sequence[Rule], faults: Findings, rem
             remedy = f"name one (`columns`), as {pairs[first][0]}={rule.name}"
             faults.append(Problem(where, words, f"one column that is {rule.name}", remedy, rule.name))
         else:
-            remarks.append(f"{where}: {words} is taken as {rule.name}; `columns` would say otherwise")
+            taken.append(f"{words} as {rule.name}")
             cells = [*cells[:first], f"{rule.name} [{pairs[first][1]}]", *cells[first + 1 :]]
+    if taken:
+        remarks.append(f"{where}: {', '.join(taken)}; `columns` would say otherwise")
     return where, cells
 
 

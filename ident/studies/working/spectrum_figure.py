@@ -1,5 +1,6 @@
 """Amplitude spectra and spectrograms of traces, with natural frequencies."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +26,7 @@ from ident.report.style import (
     plain,
     titled,
 )
-from ident.report.words import TRACE_UNITS
+from ident.report.words import trace_unit
 from ident.studies.working.simulate_figure import LETTER, LINE
 from ident.studies.working.spectrum_report import hertz, where_marked
 from ident.text import by_key
@@ -55,9 +56,13 @@ def spectra_figure(spectra: "Spectra") -> Figure:
     if modes:
         drawn = "thin lines" if modes.held else "grey"
         remarks.append(f"{drawn}: natural frequencies {where_marked(modes)}, {modes.load}")
-    panels = [direction.upper() for direction in spectra.directions]
     return spectrum_figure(
-        spectra.spectra, panels, modes.bands if modes else {}, upto=spectra.upto, kind=spectra.kind, remarks=remarks
+        spectra.spectra,
+        spectra.directions,
+        modes.bands if modes else {},
+        upto=spectra.upto,
+        kind=spectra.kind,
+        remarks=remarks,
     )
 
 
@@ -67,8 +72,8 @@ def spectrogram_figures(spectra: "Spectra", *, decibel: bool = False) -> dict[st
     lines = {name: (time, frequency) for name, frequency in spectra.lines.items()}
     style: dict[str, Any] = {"upto": spectra.upto, "decibel": decibel, "kind": spectra.kind}
     return {
-        direction: spectrogram_figure(part, lines, title=f"{direction.upper()}: {spectra.name}", **style)
-        for direction, part in spectra.spectrograms.items()
+        re.sub(r"[^\w.+-]+", "_", name): spectrogram_figure(part, lines, title=f"{name}: {spectra.name}", **style)
+        for name, part in spectra.spectrograms.items()
     }
 
 
@@ -89,7 +94,7 @@ def spectrum_figure(
         marks: lowest and highest frequency [Hz] by name, drawn as thin lines if equal, else as a shade; marks beyond
             the axis are named below.
         upto: [Hz] right end of the axis.
-        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+        kind: `displacement` [m], drawn in mm, or another of `trace_unit`.
         remarks: further lines below the panels.
     """
     flags = _rows_of_flags({name: band for name, band in (marks or {}).items() if band[0] <= upto}, upto)
@@ -100,9 +105,9 @@ def spectrum_figure(
     figure = titled((SPECTRUM_PANEL[0], height), "Amplitude spectrum")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
     for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
-        _spectra(axes, series, i, upto, TRACE_UNITS[kind][0])
+        _spectra(axes, series, i, upto, trace_unit(kind)[0])
         axes.set_ylabel(
-            f"{cut(direction, 20)}: amplitude, 0-peak [{TRACE_UNITS[kind][1]}]", fontsize=9, parse_math=False
+            f"{cut(direction, 20)}: amplitude, 0-peak [{trace_unit(kind)[1]}]", fontsize=9, parse_math=False
         )
         _flags(axes, flags, labelled=i == 0)
     grid[-1].set(xlabel="frequency [Hz]")
@@ -129,7 +134,7 @@ def spectrogram_figure(
         title: heading, such as direction and motion.
         upto: [Hz] upper end of the axis.
         decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
-        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+        kind: `displacement` [m], drawn in mm, or another of `trace_unit`.
     """
     figure, axes = amplitude_figure((SPECTRUM_PANEL[0], 4.9), spectrogram, title, upto, kind, decibel)
     handles = []
@@ -191,7 +196,7 @@ def amplitude_figure(
     size: tuple[float, float], spectrogram: "Spectrogram", title: str, upto: float, kind: str, decibel: bool = False
 ) -> tuple[Figure, Axes]:
     """Draw the amplitudes, linear between bins and segments, and their colour bar."""
-    factor, unit = TRACE_UNITS[kind]
+    factor, unit = trace_unit(kind)
     figure = titled(size, cut(title, 70))
     axes = figure.subplots()
     inside = spectrogram.frequency <= upto + spectrogram.resolution
