@@ -83,8 +83,7 @@ def resolution(values: Float[np.ndarray, "T"]) -> float:
     if not 1 < len(levels) <= len(values) / 2:
         return np.nan
     step = float(np.median(steps[steps < 1.5 * steps.min()]))
-    even = np.abs(steps / step - np.rint(steps / step)) < STEPPED
-    return step if even.mean() >= 0.95 else np.nan
+    return step if (np.abs(steps / step - np.rint(steps / step)) < STEPPED).mean() >= 0.95 else np.nan
 
 
 def clipped(values: Float[np.ndarray, "T"]) -> int:

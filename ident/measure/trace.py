@@ -39,7 +39,7 @@ class Trace(Sampled):
         values: (T,) [SI] by direction, `x`, `y` or `z` of the base frame, or by channel.
         ignored: names of further columns of the file, as written in its header.
         notes: what was taken from a program's convention, and done to the times.
-        step_error: relative standard error of the interval, where it was fitted to stamps that jitter.
+        step_error: [-] relative standard error of the interval, where it was fitted to stamps that jitter.
         band: [Hz] up to which resampling has kept the amplitudes.
     """
 
@@ -53,8 +53,7 @@ class Trace(Sampled):
     @property
     def grades(self) -> tuple[Grade, ...]:
         """What each direction is worth by itself."""
-        linear = LINEAR.search(" ".join([*self.notes, *self.values]))
-        band = LINEAR_FROM if linear else 0.0, self.band
+        band = LINEAR_FROM if LINEAR.search(" ".join([*self.notes, *self.values])) else 0.0, self.band
         return tuple(grade(name, self.kind, values, self.interval, band) for name, values in self.values.items())
 
 

@@ -63,13 +63,11 @@ def refined(
     sizes, both = np.diag(covariance), np.diag(covariance[:lines, lines : 2 * lines])
     of_amplitude = a**2 * sizes[:lines] + b**2 * sizes[lines : 2 * lines] + 2 * a * b * both
     power = np.abs(np.fft.rfft(weights * residual)) ** 2 / np.sum(weights**2)
-    near = np.abs(np.arange(len(power)) - bins[:, None]) <= LOCAL
-    near[:, 0] = False
+    near = np.abs(np.arange(1, len(power)) - bins[:, None]) <= LOCAL
     fitted = TAKEN * (np.abs(bins - bins[:, None]) <= LOCAL).sum(1)
-    noise = np.sqrt((near @ power) / np.maximum(near.sum(1) - fitted, 1.0))
+    noise = np.sqrt((near @ power[1:]) / np.maximum(near.sum(1) - fitted, 1.0))
     of_bins = noise * np.sqrt(sizes[-lines:]) / amplitude
     of_bins = np.where(np.abs(bins - start) < reach, of_bins, np.maximum(of_bins, reach))  # stopped: no sinusoid
-    frequency = spectrum.resolution * bins
-    of_frequency = np.hypot(spectrum.resolution * of_bins, step_error * frequency)
-    rows = np.stack([frequency, amplitude, of_frequency, noise * np.sqrt(of_amplitude)], axis=1)
+    of_bins, of_amplitude = np.hypot(of_bins, step_error * bins), noise * np.sqrt(of_amplitude)
+    rows = np.stack([spectrum.resolution * bins, amplitude, spectrum.resolution * of_bins, of_amplitude], axis=1)
     return tuple(sorted((Peak(*row) for row in rows.tolist()), key=lambda peak: -peak.amplitude))

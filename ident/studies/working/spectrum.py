@@ -195,7 +195,7 @@ def spectrum(
     first, turning = next(iter(traces.values())), distinct(turning)
     log = None if arm is None or path is None else as_log(path, arm.arm)
     window = options.window
-    simulated = next(iter(traces)).endswith(SIMULATED)
+    graded = () if next(iter(traces)).endswith(SIMULATED) else (next(iter(given.values())), *others)
     spectra = Spectra(
         directions,
         traces,
@@ -206,7 +206,7 @@ def spectrum(
         options.orders,
         spectrograms(first, directions, window=window, seconds=options.segment) if options.spectrogram else {},
         remark,
-        () if simulated else tuple(each for one in (next(iter(given.values())), *others) for each in one.grades),
+        tuple(each for one in graded for each in one.grades),
     )
     return SpectrumResult(spectra, arm, log, options)
 

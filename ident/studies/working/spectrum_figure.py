@@ -56,14 +56,8 @@ def spectra_figure(spectra: "Spectra") -> Figure:
     if modes:
         drawn = "thin lines" if modes.held else "grey"
         remarks.append(f"{drawn}: natural frequencies {where_marked(modes)}, {modes.load}")
-    return spectrum_figure(
-        spectra.spectra,
-        spectra.directions,
-        modes.bands if modes else {},
-        upto=spectra.upto,
-        kind=spectra.kind,
-        remarks=remarks,
-    )
+    style: dict[str, Any] = {"upto": spectra.upto, "kind": spectra.kind, "remarks": remarks}
+    return spectrum_figure(spectra.spectra, spectra.directions, modes.bands if modes else {}, **style)
 
 
 def spectrogram_figures(spectra: "Spectra", *, decibel: bool = False) -> dict[str, Figure]:

@@ -67,9 +67,9 @@ def _findings(spectra: Spectra) -> Iterator[Finding]:
     """Yield what spoils the numbers, then what a reader has made of the file."""
     if clipped := [cut(grade.name, 24) for grade in spectra.grades if grade.clipped > 0]:
         yield Finding(f"clipped, which adds lines: {some(clipped)}", "measure again with a larger range")
-    above = [(grade.strongest, cut(grade.name, 24)) for grade in spectra.grades if grade.strongest > spectra.upto]
-    for frequency, name in above[:1]:
-        yield Finding(f"{name}: the largest line is at {frequency:.4g} Hz", f"--upto {1.5 * frequency:.2g}")
+    for grade in [grade for grade in spectra.grades if grade.strongest > spectra.upto][:1]:
+        words = f"{cut(grade.name, 24)}: the largest line is at {grade.strongest:.4g} Hz"
+        yield Finding(words, f"--upto {1.5 * grade.strongest:.2g}")
     yield from (Finding(note) for trace in spectra.traces.values() for note in reversed(trace.notes))
 
 
