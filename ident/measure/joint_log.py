@@ -70,11 +70,9 @@ def read_joint_log(path: str | Path, *, locked: bool = False, columns: Columns =
     for rule in rules:
         findings += _motion_problems(series, rule, locked) if series.where and rule.name in series else ()
     refuse(findings)
-    time, values, remarks = at_even_times(
-        series, {rule.name: series[rule.name] for rule in rules if rule.name in series}
-    )
+    time, values, even = at_even_times(series, {rule.name: series[rule.name] for rule in rules if rule.name in series})
     own = {n: {c: values[f"{n}.{c}"] for c in CHANNELS if f"{n}.{c}" in values} for n in joints}
-    return JointLog(str(path), series.sha256, time, own, (*series.remarks, *remarks))
+    return JointLog(str(path), series.sha256, time, own, (*series.remarks, *even.remarks))
 
 
 def _motion_problems(series: Series, rule: Rule, locked: bool) -> Iterator[Problem]:

@@ -22,6 +22,7 @@ from ident.measure.channels import (
     write_blank,
 )
 from ident.measure.columns import ABOVE_0, Number, Row, Rule, Word, read_rows
+from ident.measure.grade import clipped
 from ident.measure.load import AXES, Load, Vector, parse_direction
 from ident.measure.log import Log
 from ident.measure.recordings import Channel, read_recording
@@ -54,9 +55,6 @@ SLOWEST = 50.0
 """Lowest sampling rate [Hz]: six samples per period at 8 Hz."""
 SHORTEST = 0.125
 """Least duration [s] of a record: one period at 8 Hz."""
-CLIPPED = 4
-"""A run of equal samples at the extreme counts as clipped from this length, and from this multiple of the longest run
-elsewhere; assumed."""
 _PART = r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*([^\W\d_]+)"
 _TRIAL = re.compile(rf"{_PART}\s*@\s*({NAME})\s+{_PART}\s+{_PART}")
 """A mass on a drive, as `12 g @ drive2 40 mm 90 deg`."""
@@ -359,7 +357,7 @@ def _check_record(values: Float[np.ndarray, "T"], step: float, file: str) -> Non
     require(not missing, "", f"{missing} samples missing", "a record without gaps", remedy, "channel")
     remedy = "check the sensor and its cable, or leave the row out"
     require(np.ptp(values) > 0, "", f"{values[0]:g} in all samples", "a record that varies", remedy, "channel")
-    longest, expected = _clipped(values), "a record within the sensor's range"
+    longest, expected = clipped(values), "a record within the sensor's range"
     got = f"{longest} samples in a row at the largest value: clipped"
     require(not longest, "", got, expected, "measure again, less amplified", "channel")
     in_ms = "; or are its times in ms? then write time [ms]" if 1e3 * rate >= SLOWEST else ""
@@ -374,18 +372,6 @@ def _measured(row: RunRow, unit: str) -> tuple[int, float]:
     quantities = tuple(QUANTITIES.values())
     quantity, factor = row.scale(unit, quantities, "a motion", "mm, m/s, m/s^2 or g_0")
     return quantities.index(quantity), factor
-
-
-def _clipped(values: Float[np.ndarray, "T"]) -> int:
-    """Return the longest run of samples at the largest or least value if it counts as clipped, otherwise 0.
-
-    Coarse digits repeat everywhere, and somewhat more often at a peak.
-    """
-    ends = np.flatnonzero(np.diff(values) != 0)
-    starts, lengths = np.append(0, ends + 1), np.diff(np.concatenate([[-1], ends, [len(values) - 1]]))
-    extreme = np.isin(values[starts], (values.max(), values.min()))
-    longest, usual = int(lengths[extreme].max()), int(lengths[~extreme].max(initial=1))
-    return longest if CLIPPED <= longest < len(values) and longest > CLIPPED * usual else 0
 
 
 def _slower(values: Float[np.ndarray, "T"], step: float) -> tuple[Float[np.ndarray, "S"], float]:

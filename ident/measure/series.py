@@ -133,7 +133,7 @@ def _known_by_alias(record: Record, rules: Sequence[Rule], faults: Findings, rem
     """Return a header with the names of wanted columns that it has under another name."""
     where, cells = record
     pairs = [name_and_unit(cell) for cell in cells]
-    names = {name.lower() for name, _ in pairs}
+    names, taken = {name.lower() for name, _ in pairs}, list[str]()
     for rule in rules:
         if not rule.alias or rule.name.lower() in names:
             continue
@@ -146,8 +146,10 @@ def _known_by_alias(record: Record, rules: Sequence[Rule], faults: Findings, rem
             remedy = f"name one (`columns`), as {pairs[first][0]}={rule.name}"
             faults.append(Problem(where, words, f"one column that is {rule.name}", remedy, rule.name))
         else:
-            remarks.append(f"{where}: {words} is taken as {rule.name}; the option columns can say otherwise")
+            taken.append(f"{words} as {rule.name}")
             cells = [*cells[:first], f"{rule.name} [{pairs[first][1]}]", *cells[first + 1 :]]
+    if taken:
+        remarks.append(f"{where}: {', '.join(taken)}; the option columns can say otherwise")
     return where, cells
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import Problem, refuse
+from ident.errors import InputError, Problem, refuse
 from ident.measure.columns import EXAMPLES, Rule
-from ident.measure.recordings.sampling import evened
+from ident.measure.grade import LINEAR, LINEAR_FROM, Grade, grade
+from ident.measure.recordings.sampling import Even, evened
 from ident.measure.samples import NONE, Columns
 from ident.measure.series import TIME, Sampled, Series, parse_series
 from ident.measure.table import (
@@ -34,16 +35,30 @@ class Trace(Sampled):
     """A vibration over time, sampled at equal intervals.
 
     Attributes:
-        kind: `displacement` or `acceleration`.
-        values: (T,) [m or m/s^2] by direction, `x`, `y` or `z` of the base frame.
+        kind: `displacement` or `acceleration`; of a recording's channels also `velocity`, or their own unit.
+        values: (T,) [SI] by direction, `x`, `y` or `z` of the base frame, or by channel.
         ignored: names of further columns of the file, as written in its header.
         notes: what was taken from a program's convention, and done to the times.
+        step_error: [-] relative standard error of the interval, where it was fitted to stamps that jitter.
+        band: [Hz] up to which resampling has kept the amplitudes.
     """
 
     kind: str
     values: Mapping[str, Float[np.ndarray, " T"]]
     ignored: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    step_error: float = 0.0
+    band: float = np.inf
+
+    @property
+    def grades(self) -> tuple[Grade, ...]:
+        """What each direction is worth by itself."""
+        band = LINEAR_FROM if LINEAR.search(" ".join([*self.notes, *self.values])) else 0.0, self.band
+        return tuple(grade(name, self.kind, values, self.interval, band) for name, values in self.values.items())
+
+
+class NoDirectionError(InputError):
+    """A table of samples without a direction: it may have channels of other names."""
 
 
 def read_trace(path: str | Path, columns: Columns = NONE) -> Trace:
@@ -71,11 +86,14 @@ def parse_trace(data: bytes, path: str | Path, columns: Columns = NONE) -> Trace
     rules = [Rule(direction, quantities=tuple(KINDS), alias=ALIAS.format(direction)) for direction in DIRECTIONS]
     series = parse_series(data, path, rules, TRACE_ROWS_MIN, findings, columns)
     findings += _kind_problems(series)
+    if findings and not any(direction in series or direction in series.at_fault for direction in DIRECTIONS):
+        raise NoDirectionError(findings)
     refuse(findings)
     values = {direction: series[direction] for direction in DIRECTIONS if direction in series}
     kind = KINDS[series.header.units[next(iter(values))].quantity]
-    time, values, remarks = at_even_times(series, values)
-    return Trace(str(path), series.sha256, time, kind, values, series.header.ignored, (*series.remarks, *remarks))
+    time, values, even = at_even_times(series, values)
+    notes = (*series.remarks, *even.remarks)
+    return Trace(str(path), series.sha256, time, kind, values, series.header.ignored, notes, even.error, even.band)
 
 
 def _kind_problems(series: Series) -> Iterator[Problem]:
@@ -90,15 +108,13 @@ def _kind_problems(series: Series) -> Iterator[Problem]:
             yield Problem(where, got, expected, "put displacements and accelerations into two files", name)
 
 
-def at_even_times(
-    series: Series, values: Mapping[str, np.ndarray]
-) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
+def at_even_times(series: Series, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray], Even]:
     """Return times and columns with an even clock, and what was done for it; see `evened`."""
     even = evened(series[TIME], np.stack(list(values.values())), series.file)
     if not even.remarks:
-        return series[TIME], dict(values), ()
+        return series[TIME], dict(values), even
     time = even.start + even.step * np.arange(even.values.shape[1])
-    return time, dict(zip(values, even.values, strict=True)), even.remarks
+    return time, dict(zip(values, even.values, strict=True)), even
 
 
 _COLUMN = re.compile(rf"(?P<name>(?P<pulley>{NAME})\.frequency)\s*\[.*\]")

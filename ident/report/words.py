@@ -36,6 +36,11 @@ MM = 1e3
 """mm in a metre."""
 
 
+def trace_unit(kind: str) -> tuple[float, str]:
+    """Return numbers per unit, and display unit, of a kind of trace; a kind that is none is its own unit."""
+    return TRACE_UNITS.get(kind, (1.0, kind))
+
+
 def arc_seconds(amplitude: float) -> float:
     """Return an amplitude of a transmission error [rad] as in catalogues: peak to peak [arc seconds]."""
     return 2 * math.degrees(amplitude) * 3600

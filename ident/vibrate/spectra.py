@@ -203,10 +203,14 @@ class Peak:
     Attributes:
         frequency: [Hz] between the bins.
         amplitude: [unit of the values].
+        frequency_sd: [Hz] standard error, of a peak refined as a line, see `lines.refined`.
+        amplitude_sd: [unit of the values].
     """
 
     frequency: float
     amplitude: float
+    frequency_sd: float = np.nan
+    amplitude_sd: float = np.nan
 
 
 def amplitude_spectrum(time: ArrayLike, values: ArrayLike, *, window: str = "hann", segments: int = 1) -> Spectrum:
@@ -266,7 +270,8 @@ def peaks(spectrum: Spectrum, count: int, between: tuple[float, float] = (0.0, n
         raise refusal("spectrum", got, "a single trace", remedy)
     refuse(band_problems(*between))
     places, _ = find_peaks(spectrum.amplitude)
-    refined = [_refined(spectrum, int(place)) for place in places]
+    outside = np.abs(spectrum.frequency[places] - np.clip(spectrum.frequency[places], *between))
+    refined = [_refined(spectrum, int(place)) for place in places[outside <= spectrum.resolution]]
     inside = [peak for peak in refined if between[0] <= peak.frequency <= between[1]]
     return tuple(sorted(inside, key=lambda peak: -peak.amplitude)[:count])
 

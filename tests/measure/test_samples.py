@@ -93,7 +93,7 @@ def test_a_controllers_log_is_read_by_its_convention(tmp_path, delimiter):
     np.testing.assert_allclose([*log.angles.values()], Q, rtol=1e-12)
     np.testing.assert_allclose(log.time, 4_021 + NUMBER / RATE, rtol=1e-12)
     assert "actual_q_0, actual_q_1, actual_q_2 in rad, as UR's RTDE writes them" in log.notes[0]
-    assert log.notes[1].endswith("'actual_q_0' is taken as joint1; the option columns can say otherwise")
+    assert "'actual_q_0' as joint1, 'actual_q_1' as joint2, 'actual_q_2' as joint3; the option columns" in log.notes[1]
 
 
 def test_the_user_says_which_of_two_angles_counts(tmp_path):

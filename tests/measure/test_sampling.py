@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from ident.errors import InputError
 from ident.measure.recordings.sampling import evened, held_rows
+from ident.vibrate.lines import refined
+from ident.vibrate.spectra import amplitude_spectrum, peaks
 
 DRAWS, LENGTH, NOISE = 100, 20.0, 0.02
 """Length [s] of each recording, and noise relative to the amplitude."""
@@ -45,24 +46,12 @@ def arrival(rng):
     return true, true + rng.uniform(0, 0.003, len(true))
 
 
-def line_of(time, values):
-    """Return frequency and amplitude of the one sine in values, and their standard errors by the residual."""
-
-    def cosines(frequency):
-        turn = 2 * np.pi * frequency * (time - time.mean())
-        return np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)]).T
-
-    def left(frequency):
-        design = cosines(frequency[0])
-        return values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
-
-    spectrum = abs(np.fft.rfft(values * np.hanning(len(values))))
-    spectrum[:3] = 0
-    rough = np.fft.rfftfreq(len(values), (time[-1] - time[0]) / (len(time) - 1))[np.argmax(spectrum)]
-    found = least_squares(left, [rough], x_scale=1e-3)
-    parts = np.linalg.lstsq(cosines(found.x[0]), values, rcond=None)[0]
-    amplitude, sd, n = np.hypot(*parts[:2]), left(found.x).std(), len(values)
-    return found.x[0], amplitude, sd * np.sqrt(6 / n) / (np.pi * amplitude * np.ptp(time)), sd * np.sqrt(2 / n)
+def line_of(even, channel=0):
+    """Return the one sine in a channel."""
+    values = even.values[channel]
+    spectrum = amplitude_spectrum(even.step * np.arange(len(values)), values)
+    (line,) = refined(spectrum, values, peaks(spectrum, 1, (3 * spectrum.resolution, 40)), even.error)
+    return line
 
 
 @pytest.mark.parametrize("stamped", [fifo_overflow, skipped, phone, held, arrival])
@@ -77,10 +66,9 @@ def test_frequency_and_amplitude_are_right_within_their_error(stamped):
         noise = gain * NOISE * rng.standard_normal(len(values))
         values = values + (noise[(np.arange(len(values)) // 10) * 10] if stamped is held else noise)
         even = evened(stamps, values[None], "x.csv")
-        time = even.start + even.step * np.arange(even.values.shape[1])
-        *found, of_frequency, of_amplitude = line_of(time, even.values[0])
-        off.append([found[0] / frequency - 1, found[1] / gain - 1])
-        stated.append([2 * np.hypot(of_frequency / frequency, even.error), 2 * of_amplitude / gain])
+        line = line_of(even)
+        off.append([line.frequency / frequency - 1, line.amplitude / gain - 1])
+        stated.append([2 * line.frequency_sd / frequency, 2 * line.amplitude_sd / gain])
         assert even.remarks
     off, stated = np.abs(off), np.array(stated)
     inside, excess = (off <= stated).sum(0), np.sqrt((stated**2).mean(0) / (off**2).mean(0))
@@ -104,8 +92,7 @@ def test_resampling_says_its_band():
     assert 20 <= band <= 35
     for frequency, limit in ((0.9 * band, 0.01), (band, 0.01)):
         even = evened(time, np.stack([np.sin(2 * np.pi * f * time) for f in (6.0, frequency)]), "x.csv")
-        at = even.start + even.step * np.arange(even.values.shape[1])
-        assert line_of(at, even.values[1])[1] == pytest.approx(1, abs=limit)
+        assert line_of(even, 1).amplitude == pytest.approx(1, abs=limit)
 
 
 def test_times_that_wander_too_far_are_refused_with_the_bound():

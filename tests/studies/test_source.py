@@ -17,11 +17,13 @@ from ident.arm.arm import stiffness_paths
 from ident.arm.chain import no_loads
 from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.measure.runs import _clipped, read_runs, write_runs
+from ident.measure.grade import clipped
+from ident.measure.runs import read_runs, write_runs
 from ident.studies.basis import assumption_findings
 from ident.studies.cause import source_plan
 from ident.studies.cause import source_study as source
-from ident.studies.cause.source_study import _predicted, _refuse_late, with_clocks, with_notes
+from ident.studies.cause.run_problem import with_clocks, with_notes
+from ident.studies.cause.source_study import _predicted, _refuse_late
 from ident.studies.cure.cures import cures
 from ident.studies.cure.diagnose import Job
 from ident.studies.cure.diagnosis import ResonanceAssessment, stages_of
@@ -392,8 +394,8 @@ def test_a_unit_that_the_file_does_not_have_is_refused(folder, unit, sensitivity
 def test_coarse_digits_are_not_taken_for_clipping():
     time = np.arange(0.0, 2.0, 1e-3)
     sine = np.round(20 * np.sin(2 * np.pi * 5 * time))  # forty steps from end to end
-    assert _clipped(sine) == 0
-    assert _clipped(np.clip(np.sin(2 * np.pi * 5 * time) + 1e-6 * time, -1.0, 0.5)) > 50
+    assert clipped(sine) == 0
+    assert clipped(np.clip(np.sin(2 * np.pi * 5 * time) + 1e-6 * time, -1.0, 0.5)) > 50
 
 
 def test_a_table_to_fill_in_names_all_channels(folder, tmp_path):

@@ -70,10 +70,8 @@ def _over_time(cells: list[tuple[str, str, np.ndarray]], time: np.ndarray, table
         of |= {place: (even, number) for number, place in enumerate(places)}
     for place, (even, number) in sorted(of.items()):
         name, unit, _ = cells[place]
-        remarks = (*table.remarks, *even.remarks)
-        yield Channel(
-            name, even.values[number][None].copy(), unit, even.step, even.start, remarks=remarks, step_error=even.error
-        )
+        made = Channel(name, even.values[number][None].copy(), unit, even.step, even.start)
+        yield replace(made, remarks=(*table.remarks, *even.remarks), step_error=even.error, band=even.band)
 
 
 def _frequency(header: Sequence[str], table: np.ndarray) -> int | None:

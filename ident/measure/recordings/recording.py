@@ -31,6 +31,7 @@ class Channel:
         remedy: what to export instead.
         remarks: what was taken from a program's convention, and done to its times.
         step_error: relative standard error of the step, where it was fitted to stamps that jitter.
+        band: [Hz] up to which resampling has kept the amplitudes.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Channel:
     remedy: str = ""
     remarks: tuple[str, ...] = ()
     step_error: float = 0.0
+    band: float = np.inf
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.errors import require
+from ident.measure.grade import clipped
 
 UNEVEN = 0.01
 """Largest deviation of a sampling interval from the mean one, as a fraction of it."""
@@ -49,6 +50,7 @@ class Even:
         values: (C, T) of C channels.
         remarks: what was done to the times, and what it costs.
         error: relative standard error of the step, where it was fitted to stamps that jitter.
+        band: [Hz] up to which resampling has kept the amplitudes.
     """
 
     start: float
@@ -56,6 +58,7 @@ class Even:
     values: np.ndarray
     remarks: tuple[str, ...] = ()
     error: float = 0.0
+    band: float = np.inf
 
 
 def evened(time: np.ndarray, values: np.ndarray, file: str, column: str = "time") -> Even:
@@ -119,10 +122,13 @@ def _resampled(time: np.ndarray, values: np.ndarray, file: str, column: str, rem
         if number[-1] + 1 == len(time):
             return Even(float(fitted[0]), step, values, tuple(remarks), error)
         remarks.append(f"{file}: single missing samples were interpolated, {number[-1] + 1 - len(time):.0f} in all")
+    if longest := max(map(clipped, values)):
+        remarks.insert(0, f"{file}: clipped, up to {longest} samples in a row at an extreme value")
     even = source[0] + step * np.arange(int((source[-1] - source[0]) / step + 1e-6) + 1)
     values = make_interp_spline(source, values.T, k=DEGREE)(even).T
-    cost = f"amplitudes are right within {100 * ERROR_MAX:g} % up to {trusted_band(source, even):.3g} Hz"
-    return Even(float(even[0]), step, values, (*remarks[:-1], f"{remarks[-1]}: {cost}"), error)
+    band = trusted_band(source, even)
+    cost = f"amplitudes are right within {100 * ERROR_MAX:g} % up to {band:.3g} Hz"
+    return Even(float(even[0]), step, values, (*remarks[:-1], f"{remarks[-1]}: {cost}"), error, band)
 
 
 def held_rows(values: np.ndarray) -> np.ndarray | None:

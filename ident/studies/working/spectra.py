@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -11,10 +12,13 @@ from ident.errors import refusal
 from ident.identify.binding import loads_of
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, Log, Trace
+from ident.measure.grade import Grade
+from ident.measure.trace import DIRECTIONS
 from ident.studies.working.simulation import joined
 from ident.text import quoted
 from ident.vibrate.branches import branches
 from ident.vibrate.compare import second_derivative
+from ident.vibrate.lines import refined
 from ident.vibrate.replay import replay
 from ident.vibrate.spectra import Peak, Spectrogram, Spectrum, amplitude_spectrum, peaks, spectrogram
 
@@ -69,7 +73,7 @@ class MarkedModes:
         Args:
             frequency: [Hz]
             within: [Hz] distance that counts as near.
-            direction: `vertical` or `lateral`.
+            direction: `vertical` or `lateral`; empty if unknown.
         """
         apart = {label: np.abs(along - frequency) for label, along in self.frequencies.items()}
         near = {label: gap for label, gap in apart.items() if gap.min() <= within}
@@ -142,6 +146,7 @@ class Spectra:
         orders: orders of the pulleys drawn in the spectrograms.
         spectrograms: of the first trace by direction, if requested.
         remark: how the traces were made comparable; usually empty.
+        grades: what each channel of the first file is worth, those that are not drawn last; none of a simulation.
     """
 
     directions: tuple[str, ...]
@@ -153,6 +158,7 @@ class Spectra:
     orders: tuple[float, ...] = (1.0,)
     spectrograms: Mapping[str, Spectrogram] = field(default_factory=dict)
     remark: str = ""
+    grades: tuple[Grade, ...] = ()
 
     @property
     def name(self) -> str:
@@ -161,7 +167,7 @@ class Spectra:
 
     @property
     def kind(self) -> str:
-        """`displacement` or `acceleration`."""
+        """`displacement` or `acceleration`; of a recording's channels also `velocity`, or their own unit."""
         return next(iter(self.traces.values())).kind
 
     @property
@@ -175,16 +181,22 @@ class Spectra:
             }
         )
 
-    def strongest(self, name: str, direction: str) -> tuple[Peak, ...]:
-        """Return the strongest peaks of a trace in a direction, largest first, without slow drift."""
-        spectrum = self.spectra[name].column(self.directions.index(direction))
+    @cached_property
+    def peaks(self) -> dict[tuple[str, str], tuple[Peak, ...]]:
+        """The strongest peaks by trace and direction, largest first, without slow drift, refined as lines."""
+        return {(name, way): self._lines(name, way) for name in self.traces for way in self.directions}
+
+    def _lines(self, name: str, direction: str) -> tuple[Peak, ...]:
+        trace, spectrum = self.traces[name], self.spectra[name].column(self.directions.index(direction))
         largest = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
-        return tuple(peak for peak in largest if peak.amplitude >= SMALL * largest[0].amplitude)
+        found = [peak for peak in largest if peak.amplitude >= SMALL * largest[0].amplitude]
+        return refined(spectrum, trace.values[direction], found, trace.step_error)
 
     def mode_near(self, name: str, direction: str, frequency: float) -> str | None:
         """Return the label of the mode near a peak [Hz] of a trace in a direction; see `MarkedModes.near`."""
         within = max(self.spectra[name].resolution, NEAR * frequency)
-        return self.modes.near(frequency, within, "vertical" if direction == "z" else "lateral") if self.modes else None
+        way = {"z": "vertical"}.get(direction, "lateral" if direction in DIRECTIONS else "")
+        return self.modes.near(frequency, within, way) if self.modes else None
 
 
 def cut(trace: Trace, pulleys: Pulleys, start: float | None, end: float | None) -> tuple[Trace, Pulleys]:

@@ -1,5 +1,6 @@
 """Amplitudes of a trace over time and frequency, with the lines of pulleys."""
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from ident.report.report import cut
 from ident.report.style import GREEN, ORANGE, PINK, Style, colour_bar, key_below, plain, titled
-from ident.report.words import TRACE_UNITS
+from ident.report.words import trace_unit
 
 if TYPE_CHECKING:
     from ident.studies.working.spectra import Spectra
@@ -39,8 +40,8 @@ def spectrogram_figures(spectra: "Spectra", *, decibel: bool = False) -> dict[st
     lines = {name: (time, frequency) for name, frequency in spectra.lines.items()}
     style: dict[str, Any] = {"upto": spectra.upto, "decibel": decibel, "kind": spectra.kind}
     return {
-        direction: spectrogram_figure(part, lines, title=f"{direction.upper()}: {spectra.name}", **style)
-        for direction, part in spectra.spectrograms.items()
+        re.sub(r"[^\w.+-]+", "_", name): spectrogram_figure(part, lines, title=f"{name}: {spectra.name}", **style)
+        for name, part in spectra.spectrograms.items()
     }
 
 
@@ -77,7 +78,7 @@ def amplitude_figure(
     size: tuple[float, float], spectrogram: "Spectrogram", title: str, upto: float, kind: str, decibel: bool = False
 ) -> tuple[Figure, Axes]:
     """Draw the amplitudes, linear between bins and segments, and their colour bar."""
-    factor, unit = TRACE_UNITS[kind]
+    factor, unit = trace_unit(kind)
     figure = titled(size, cut(title, 70))
     axes = figure.subplots()
     inside = spectrogram.frequency <= upto + spectrogram.resolution

@@ -24,11 +24,16 @@ if TYPE_CHECKING:
     from ident.studies.working.spectra import MarkedModes, Pulleys, Spectra
     from ident.vibrate.spectra import Peak
 
+    Given = Trace | SimulateResult | str | Path
+
+SIMULATED = ".simulate"
+"""End of the name of a simulated trace, which has no sensor."""
+
 
 class SpectrumOptions(BaseOptions, SamplesOptions):
     """Options of `ident.spectrum`: the part of the trace, its analysis, and the posture of an arm."""
 
-    direction: tuple[str, ...] | None = option(None, "as x,z; default: all that the file has", read=reading.words)
+    direction: tuple[str, ...] | None = option(None, "as x,z, or names of channels; default: all", read=reading.words)
     window: str = option("hann", "hann, boxcar, hamming, blackmanharris or flattop", choices=WINDOWS)
     segments: int = option(1, "segments to average over: steadier, but wider peaks")
     upto: float = option(20.0, "highest frequency [Hz]", above=0.0)
@@ -68,7 +73,8 @@ class SpectrumOptions(BaseOptions, SamplesOptions):
 class SpectrumResult(Result):
     """The spectra of one or two traces.
 
-    The table has a row for each of the strongest peaks: frequency [Hz], amplitude [SI], and the mode near it.
+    The table has a row for each of the strongest peaks: frequency [Hz] and amplitude [SI] with standard errors, and the
+    mode near it.
 
     Attributes:
         spectra: traces, spectra, spectrograms, and the modes of an arm.
@@ -87,7 +93,7 @@ class SpectrumResult(Result):
     @property
     def name(self) -> str:
         """Name of the trace and of the study."""
-        return f"{next(iter(self.spectra.traces)).removesuffix('.simulate')}.spectrum"
+        return f"{next(iter(self.spectra.traces)).removesuffix(SIMULATED)}.spectrum"
 
     @property
     def frequency(self) -> 'Float[np.ndarray, "F"]':
@@ -96,12 +102,12 @@ class SpectrumResult(Result):
 
     @property
     def amplitudes(self) -> "Mapping[str, Float[np.ndarray, 'F']]":
-        """Amplitudes of the (first) trace at these frequencies, 0-peak, by direction [m or m/s^2]."""
+        """Amplitudes of the (first) trace at these frequencies, 0-peak, by direction [SI]."""
         spectrum = self.spectra.spectra[self.spectra.name]
         return {d: spectrum.column(i).amplitude for i, d in enumerate(self.spectra.directions)}
 
     def band_rms(self, low: float, high: float) -> "Mapping[str, float]":
-        """Return the root mean square of the (first) trace within a band, by direction [m or m/s^2].
+        """Return the root mean square of the (first) trace within a band, by direction [SI].
 
         Args:
             low: [Hz] lower end of the band.
@@ -129,6 +135,11 @@ class SpectrumResult(Result):
         column = self.spectra.directions.index(direction)
         return peaks(self.spectra.spectra[self.spectra.name].column(column), count, (low, high))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Differences between the arm and its robot description; those of a trace are findings."""
+        return self.arm.notes if self.arm else ()
+
     def _figures(self) -> "dict[str, Figure]":
         """Return the spectra, and spectrograms by direction if requested."""
         from ident.studies.working.spectrogram_figure import spectrogram_figures
@@ -151,10 +162,10 @@ def spectrum(
     pulleys: "Pulleys | None" = None,
     path: "Log | str | Path | None" = None,
 ) -> SpectrumResult:
-    """Show at which frequencies [Hz] a trace vibrates, and by how much.
+    """Show at which frequencies [Hz] a trace vibrates, by how much, and what is in its file.
 
     Args:
-        trace: a trace, its file, or a simulated motion with its vibration.
+        trace: a trace, a file (columns x, y, z, or a recording of any format), or a simulated motion.
         options: the part of the trace, and its analysis.
         arm: marks its natural frequencies: along the motion if the joint path is known, else at a posture.
         against: another trace, such as a measured one, drawn over the first.
@@ -176,11 +187,12 @@ def spectrum(
     )
 
     _check_arm(arm, options, path)
-    given, turning = _traces(trace, against, pulleys, options)
+    given, turning, others = _traces(trace, against, pulleys, options)
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
     log = None if arm is None or path is None else as_log(path, arm.arm, options.columns)
     window = options.window
+    graded = () if next(iter(traces)).endswith(SIMULATED) else (next(iter(given.values())), *others)
     spectra = Spectra(
         directions,
         traces,
@@ -191,41 +203,41 @@ def spectrum(
         options.orders,
         spectrograms(first, directions, window=window, seconds=options.segment) if options.spectrogram else {},
         remark,
+        tuple(each for one in graded for each in one.grades),
     )
     return SpectrumResult(spectra, arm, log, options)
 
 
 def _traces(
-    trace: "Trace | SimulateResult | str | Path",
-    against: "Trace | SimulateResult | str | Path | None",
-    pulleys: "Pulleys | None",
-    options: SpectrumOptions,
-) -> "tuple[dict[str, Trace], Pulleys]":
-    """Return the selected parts of the traces, by name, and the pulleys of the first."""
+    trace: "Given", against: "Given | None", pulleys: "Pulleys | None", options: SpectrumOptions
+) -> "tuple[dict[str, Trace], Pulleys, tuple[Trace, ...]]":
+    """Return the selected parts of the traces, by name, the pulleys of the first, and what is not drawn of its file."""
     from ident.studies.working.spectra import cut
 
-    name, first, beside = _read(trace)
+    columns = getattr(options, "columns", {})
+    name, (first, *others), beside = _read(trace, columns)
     turning = beside if pulleys is None else pulleys
     first, turning = cut(first, turning, options.start, options.end)
     if against is None:
-        return {name: first}, turning
-    other, second, _ = _read(against)
+        return {name: first}, turning, tuple(others)
+    other, (second, *_), _ = _read(against, columns)
     second, _ = cut(second, {}, options.start, options.end)
-    return {name: first, other if other != name else second.path or f"{other} (2)": second}, turning
+    return {name: first, other if other != name else second.path or f"{other} (2)": second}, turning, tuple(others)
 
 
-def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Pulleys]":
-    """Return a trace with its name and its pulleys."""
-    from ident.measure import Trace, read_pulleys, read_trace
+def _read(trace: "Given", columns: Mapping[str, str]) -> "tuple[str, tuple[Trace, ...], Pulleys]":
+    """Return a trace with its name, further channels of its file, and its pulleys."""
+    from ident.measure import Trace, read_pulleys
+    from ident.measure.signals import read_signals
 
     if isinstance(trace, Trace):
-        return Path(trace.path).stem or "trace", trace, {}
+        return Path(trace.path).stem or "trace", (trace,), {}
     if isinstance(trace, SimulateResult):
         values = dict(zip("xyz", trace.vibration, strict=True))
         turning = {name: frequency for name, (_, frequency) in trace.simulation.pulleys.items()}
-        return trace.name, Trace("", "", trace.time, "displacement", values), turning
-    measured = read_trace(trace)
-    return Path(trace).stem, measured, read_pulleys(trace, measured)
+        return trace.name, (Trace("", "", trace.time, "displacement", values),), turning
+    signals = read_signals(trace, columns)
+    return Path(trace).stem, signals, read_pulleys(trace, signals[0])
 
 
 def _check_arm(arm: "ArmFile | None", options: SpectrumOptions, path: Any) -> None:

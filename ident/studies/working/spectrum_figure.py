@@ -20,7 +20,7 @@ from ident.report.style import (
     plain,
     titled,
 )
-from ident.report.words import TRACE_UNITS
+from ident.report.words import trace_unit
 from ident.studies.working.spectrogram_figure import styles
 from ident.studies.working.spectrum_report import hertz, where_marked
 from ident.text import by_key
@@ -44,10 +44,8 @@ def spectra_figure(spectra: "Spectra") -> Figure:
     if modes:
         drawn = "thin lines" if modes.held else "grey"
         remarks.append(f"{drawn}: natural frequencies {where_marked(modes)}, {modes.load}")
-    panels = [direction.upper() for direction in spectra.directions]
-    return spectrum_figure(
-        spectra.spectra, panels, modes.bands if modes else {}, upto=spectra.upto, kind=spectra.kind, remarks=remarks
-    )
+    style: dict[str, Any] = {"upto": spectra.upto, "kind": spectra.kind, "remarks": remarks}
+    return spectrum_figure(spectra.spectra, spectra.directions, modes.bands if modes else {}, **style)
 
 
 def spectrum_figure(
@@ -67,7 +65,7 @@ def spectrum_figure(
         marks: lowest and highest frequency [Hz] by name, drawn as thin lines if equal, else as a shade; marks beyond
             the axis are named below.
         upto: [Hz] right end of the axis.
-        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+        kind: `displacement` [m], drawn in mm, or another of `trace_unit`.
         remarks: further lines below the panels.
     """
     flags = _rows_of_flags({name: band for name, band in (marks or {}).items() if band[0] <= upto}, upto)
@@ -78,9 +76,9 @@ def spectrum_figure(
     figure = titled((PANEL[0], height), "Amplitude spectrum")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
     for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
-        _spectra(axes, series, i, upto, TRACE_UNITS[kind][0])
+        _spectra(axes, series, i, upto, trace_unit(kind)[0])
         axes.set_ylabel(
-            f"{cut(direction, 20)}: amplitude, 0-peak [{TRACE_UNITS[kind][1]}]", fontsize=9, parse_math=False
+            f"{cut(direction, 20)}: amplitude, 0-peak [{trace_unit(kind)[1]}]", fontsize=9, parse_math=False
         )
         _flags(axes, flags, labelled=i == 0)
     grid[-1].set(xlabel="frequency [Hz]")

@@ -1,40 +1,76 @@
 """The report of the spectra of traces: their peaks, and the modes near them; and its table."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.report.report import Cell, Part, Report, Section, Table, by_head, cut
+from ident.report.report import Finding, Part, Report, Section, Table, by_head, cut
 from ident.report.words import (
     TRACE_UNITS,
     counted,
     degrees,
+    some,
+    trace_unit,
 )
 from ident.studies.working.spectra import PEAKS, MarkedModes, Spectra
+from ident.text import as_word
+from ident.units import sensor_factor
 
 if TYPE_CHECKING:
     from ident.studies.working.spectra import Band, MarkedModes
 
 STRONGEST = 2
-"""Peaks of each direction on the first screen, for a single trace."""
+"""Peaks of each direction on the first screen, for a single trace of at most `FEW` directions."""
+FEW, CHANNELS = 3, 6
+"""Directions with room for two peaks on the first screen, and channels that it shows at most."""
+FAINT = 5.0
+"""Height of a line, in standard errors, that the largest of thousands of bins of noise reaches."""
 
 
 def spectrum_sections(spectra: Spectra) -> Report:
     """Return the report of spectra."""
     names = " and ".join(cut(name, 40) for name in spectra.traces)
+    what = spectra.kind if spectra.kind in TRACE_UNITS else f"in {spectra.kind}"
     return Report(
-        f"Amplitude spectra of {names}: {spectra.kind}, 0-peak, up to {spectra.upto:g} Hz",
+        f"Amplitude spectra of {names}: {what}, 0-peak, up to {spectra.upto:g} Hz",
         answer=tuple(_answer(spectra)),
+        findings=tuple(_findings(spectra)),
         remark=spectra.remark,
-        next="ident resonance {arm}" if spectra.modes else "ident spectrum {trace} --arm ARM",
+        next=_next(spectra),
         details=tuple(_details(spectra)),
     )
 
 
+def _next(spectra: Spectra) -> str:
+    """Return the step that names the modes near the peaks, or else their cause; or that reads a test or a log."""
+    units, arm = [grade.kind for grade in spectra.grades], "ARM" if spectra.modes is None else "{arm}"
+    if any(sensor_factor(unit, "force") for unit in units):
+        return f"ident modal {as_word(str(Path(spectra.traces[spectra.name].path).parent))} --init"
+    if units and all(sensor_factor(unit, "angle") for unit in units):
+        return f"ident triage TRACE --path {{trace}} --arm {arm}"
+    if spectra.modes is None:
+        return "ident spectrum {trace} --arm ARM"
+    return "ident triage {trace} --path LOG --arm {arm}" if units else "ident resonance {arm}"
+
+
 def _answer(spectra: Spectra) -> Iterator[Part]:
-    most = STRONGEST if len(spectra.traces) == 1 else 1
+    alone = len(spectra.traces) == 1
+    most = STRONGEST if alone and len(spectra.directions) <= FEW else 1
+    if alone and spectra.grades:
+        yield _grades(spectra, CHANNELS)
     for name in spectra.traces:
-        caption = "Strongest peaks" + (f" of {cut(name, 40)}" if len(spectra.traces) > 1 else "")
-        yield _peaks_table(spectra, name, caption, most)
+        caption = "Strongest peaks" + (f" of {cut(name, 40)}" if not alone else "")
+        yield _peaks_table(spectra, name, caption, most, CHANNELS)
+
+
+def _findings(spectra: Spectra) -> Iterator[Finding]:
+    """Yield what spoils the numbers, then what a reader has made of the file."""
+    if clipped := [cut(grade.name, 24) for grade in spectra.grades if grade.clipped > 0]:
+        yield Finding(f"clipped, which adds lines: {some(clipped)}", "measure again with a larger range")
+    for grade in [grade for grade in spectra.grades if grade.strongest > spectra.upto][:1]:
+        words = f"{cut(grade.name, 24)}: the largest line is at {grade.strongest:.4g} Hz"
+        yield Finding(words, f"--upto {1.5 * grade.strongest:.2g}")
+    yield from (Finding(note) for trace in spectra.traces.values() for note in reversed(trace.notes))
 
 
 def _details(spectra: Spectra) -> Iterator[Section]:
@@ -46,6 +82,28 @@ def _details(spectra: Spectra) -> Iterator[Section]:
         yield Section(title, (peaks, f"{spectra.spectra[name].description()}.", samples))
     if spectra.modes is not None:
         yield _modes(spectra.modes)
+    if spectra.grades and (len(spectra.traces) > 1 or len(spectra.grades) > CHANNELS):
+        yield Section(f"Channels of {cut(spectra.name, 40)}", (_grades(spectra, None),))
+
+
+# -------- Channels
+
+
+def _grades(spectra: Spectra, most: int | None) -> Table:
+    """Return what each channel of the first file is worth."""
+    rows = []
+    for grade in spectra.grades[:most]:
+        (factor, unit), (low, high) = trace_unit(grade.kind), grade.band
+        sizes = (grade.rate, grade.duration, factor * grade.resolution, grade.clipped, factor * grade.noise)
+        rows.append((cut(grade.name, 24), unit, *sizes, f"{low:.2g} to {high:.4g}" if low < high else "none"))
+    head = ("Channel", "unit", "rate [Hz]", "length [s]", "resolution [unit]", "clipped [samples]")
+    forms = ("", "", ".4g", ".4g", ".2g", ".0f", ".2g", "")
+    drawn = spectra.traces[spectra.name].values
+    note = "Without an anti-alias filter in the sensor, vibration above half the rate folds into the band."
+    other = [cut(grade.name, 24) for grade in spectra.grades if grade.name not in drawn]
+    note += f" Not drawn, of another quantity or clock: {some(other)}." if other else ""
+    note += f" {hidden} more with --details." if (hidden := len(spectra.grades) - len(rows)) else ""
+    return Table("", (*head, "noise floor [unit/sqrt(Hz)]", "trusted band [Hz]"), tuple(rows), forms, note)
 
 
 # -------- Peaks and modes
@@ -64,20 +122,26 @@ def hertz(band: "Band", digits: int = 2) -> str:
     return f"{low} Hz" if low == high else f"{low} to {high} Hz"
 
 
-def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
+def _peaks_table(spectra: Spectra, name: str, caption: str, most: int, channels: int | None = None) -> Table:
     """Return the strongest peaks of a trace in each direction, and the mode near each."""
-    factor, unit = TRACE_UNITS[spectra.kind]
-    rows: list[tuple[Cell, ...]] = []
-    for direction in spectra.directions:
-        for i, peak in enumerate(spectra.strongest(name, direction)[:most]):
-            first, label = direction if i == 0 else "", spectra.mode_near(name, direction, peak.frequency)
+    factor, unit = trace_unit(spectra.kind)
+    rows: list[tuple[Any, ...]] = []
+    for direction in spectra.directions[:channels]:
+        first = cut(direction, 24)
+        for peak in spectra.peaks[name, direction][:most]:
+            label = spectra.mode_near(name, direction, peak.frequency)
             mode = (label, hertz(spectra.modes.bands[label])) if label and spectra.modes else ("none", "")
-            rows.append((first, peak.frequency, factor * peak.amplitude, *mode))
-        if not spectra.strongest(name, direction):
-            rows.append((direction, None, None, "", ""))
-    heads = "", "frequency [Hz]|.3f", f"amplitude [{unit}]|#.4g", "mode near it", "its range"
-    shown = len(heads) if spectra.modes else 3
-    return by_head(heads[:shown], (row[:shown] for row in rows), caption)
+            numbers = (peak.frequency, peak.frequency_sd, factor * peak.amplitude, factor * peak.amplitude_sd)
+            rows.append((first, *numbers, *mode))
+            first = ""
+        if first:
+            rows.append((first, None, None, None, None, "", ""))
+    amplitudes = f"amplitude [{unit}]|#.4g", f"± [{unit}]|.2g"
+    heads = "", "frequency [Hz]|.3f", "± [Hz]|.2g", *amplitudes, "mode near it", "its range"
+    shown = len(heads) if spectra.modes else 5
+    faint = any(row[3] and row[3] < FAINT * row[4] for row in rows)
+    note = "±: std. error." + f" Below {FAINT:g} of them a line may be noise, or sweep." * faint
+    return by_head(heads[:shown], (row[:shown] for row in rows), caption, note)
 
 
 def _modes(modes: MarkedModes) -> Section:
@@ -94,11 +158,12 @@ def _modes(modes: MarkedModes) -> Section:
 
 
 def spectrum_rows(spectra: Spectra) -> list[dict[str, Any]]:
-    """Return the strongest peaks as rows: frequency [Hz], amplitude [m or m/s^2], and the mode near it."""
+    """Return the strongest peaks as rows: frequency [Hz], amplitude [SI], standard errors, and the mode near it."""
     return [
         {"trace": name, "direction": direction, "frequency": peak.frequency, "amplitude": peak.amplitude}
         | {"mode": spectra.mode_near(name, direction, peak.frequency)}
+        | {"frequency_sd": peak.frequency_sd, "amplitude_sd": peak.amplitude_sd}
         for name in spectra.traces
         for direction in spectra.directions
-        for peak in spectra.strongest(name, direction)
+        for peak in spectra.peaks[name, direction]
     ]
