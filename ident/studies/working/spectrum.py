@@ -214,13 +214,12 @@ def _traces(
     """Return the selected parts of the traces, by name, the pulleys of the first, and what is not drawn of its file."""
     from ident.studies.working.spectra import cut
 
-    columns = getattr(options, "columns", {})
-    name, (first, *others), beside = _read(trace, columns)
+    name, (first, *others), beside = _read(trace, options.columns)
     turning = beside if pulleys is None else pulleys
     first, turning = cut(first, turning, options.start, options.end)
     if against is None:
         return {name: first}, turning, tuple(others)
-    other, (second, *_), _ = _read(against, columns)
+    other, (second, *_), _ = _read(against, options.columns)
     second, _ = cut(second, {}, options.start, options.end)
     return {name: first, other if other != name else second.path or f"{other} (2)": second}, turning, tuple(others)
 
