@@ -14,8 +14,8 @@ from ident.errors import InputError, Problem, refusal
 from ident.text import one_line
 
 if TYPE_CHECKING:
-    from ident.identify.compare import CampaignSample
     from ident.identify.fit import CampaignFit
+    from ident.identify.sample import CampaignSample
     from ident.inference.problem import InverseProblem
 
 BEST_ONLY = "draws about the best optimum only; the others are left out"

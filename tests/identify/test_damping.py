@@ -13,7 +13,7 @@ from one_program import shown
 import ident
 from ident.arm.fields import ALPHA
 from ident.arm.parts import Spring
-from ident.identify.compare import compare_fits, validate_fit
+from ident.identify.compare import compare_fits
 from ident.identify.conditions import bind
 from ident.identify.damping import RATIO, ModesOfRows, damped, damping_of, ratios_of
 from ident.identify.fit import fit_campaign
@@ -21,6 +21,7 @@ from ident.identify.fleet import SourceFile, fleet, robot_of
 from ident.identify.predict import ArmModel
 from ident.identify.stored import fit_of, fit_state
 from ident.identify.unknowns import Unknowns
+from ident.identify.validate import validate_fit
 from ident.identify.values import OTHER_LAW, Values, remark_on
 from ident.measure import Campaign, Measurement, read_campaign
 from ident.measure.covariance import Covariance, Group

@@ -7,10 +7,10 @@ import pytest
 from arms import DATA
 
 from ident.description.file import read_arm
-from ident.identify.compare import sample_campaign
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import draws_under
 from ident.identify.problem import pose
+from ident.identify.sample import sample_campaign
 from ident.identify.unknowns import Unknowns
 from ident.inference.population import Under, Weights
 from ident.inference.priors import Prior

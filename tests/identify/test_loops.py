@@ -11,11 +11,11 @@ from scipy.stats import binom
 
 from ident.arm.arm import stiffness_paths
 from ident.errors import InputError
-from ident.identify.compare import validate_fit
 from ident.identify.data_checks import check_values
 from ident.identify.fit import CampaignFit, fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.identify.problem import pose, ramps, ramps_of
+from ident.identify.validate import validate_fit
 from ident.inference.fit import fit
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement

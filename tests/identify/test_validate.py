@@ -9,9 +9,9 @@ from scipy.stats import binom
 
 from ident import InputError, read_campaign
 from ident.arm.arm import stiffness_paths
-from ident.identify.compare import parts_of, validate_fit
 from ident.identify.fit import fit_campaign
 from ident.identify.problem import pose
+from ident.identify.validate import parts_of, validate_fit
 from ident.inference.search import evaluate
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ from arms import DATA, lcd_arm
 from runs import short, swing
 
 from ident.description.file import read_arm
-from ident.identify.compare import CampaignSample
+from ident.identify.sample import CampaignSample
 from ident.studies.cure.diagnose import DiagnoseOptions
 from ident.studies.cure.diagnose_report import (
     StageReport,

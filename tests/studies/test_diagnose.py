@@ -14,7 +14,7 @@ from results import assert_comes_back, assert_plain, contents
 
 import ident
 from ident.errors import Problem
-from ident.identify.compare import validate_fit
+from ident.identify.validate import validate_fit
 from ident.studies.basis import assumed
 from ident.studies.cure.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
 from ident.studies.cure.diagnosis import ResonanceAssessment, stages_of
@@ -247,7 +247,7 @@ def test_stages_of_other_inputs_are_refused_and_can_be_thrown_away(tmp_path, mon
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ident.identify.compare.sample_campaign", stopped)
+    monkeypatch.setattr("ident.identify.sample.sample_campaign", stopped)
     with pytest.raises(KeyboardInterrupt):
         diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part")
     other = replace(OPTIONS, limit=7.0)

@@ -15,7 +15,7 @@ from results import assert_comes_back, assert_plain
 import ident
 from ident.errors import InputError
 from ident.files import claimed
-from ident.identify.compare import sample_campaign
+from ident.identify.sample import sample_campaign
 from ident.inference.sample import Settings
 from ident.report.report import Table, text_of
 from ident.studies.repetition import differences

@@ -104,7 +104,7 @@ def discard_stages(folder: str | Path) -> None:
 
 def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     """Carry out the stages in order; compute each from those before, or load it from an earlier run, and store it."""
-    from ident.identify.compare import Validation
+    from ident.identify.validate import Validation
     from ident.studies.cure.cures import cures
     from ident.studies.cure.diagnose_report import (
         StageReport,

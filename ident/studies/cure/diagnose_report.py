@@ -44,7 +44,7 @@ from ident.vibrate.variable import is_shifted
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.identify.compare import Validation
+    from ident.identify.validate import Validation
     from ident.studies.cause.source_study import SourceStudy
     from ident.studies.cure.diagnosis import Diagnosis, Identification, ResonanceAssessment
     from ident.studies.cure.remedies import Verification, VibrationAssessment

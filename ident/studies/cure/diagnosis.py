@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ident.identify.compare import CampaignSample, Validation, parts_of
 from ident.identify.fit import CampaignFit
+from ident.identify.sample import CampaignSample
+from ident.identify.validate import Validation, parts_of
 from ident.inference.draws import quantiles
 from ident.inference.scrutiny import HeldOut, held_out
 from ident.studies.cause.source_study import SourceStudy

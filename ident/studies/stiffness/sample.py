@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.description.file import ArmFile
-    from ident.identify.compare import CampaignSample
     from ident.identify.fit import CampaignFit
+    from ident.identify.sample import CampaignSample
     from ident.identify.values import Draws
     from ident.measure import Campaign
 
@@ -181,7 +181,7 @@ def sample(
     """
     from ident.codec import Store
     from ident.files import claimed
-    from ident.identify.compare import sample_campaign
+    from ident.identify.sample import sample_campaign
     from ident.inference.draws import check_installed
     from ident.inference.sample import ANEW, BLOCK, Settings
 

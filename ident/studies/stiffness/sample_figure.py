@@ -36,7 +36,7 @@ from ident.studies.stiffness.fit_figure import DENSE, LETTER, PANEL, ROW, longes
 from ident.studies.stiffness.sample_report import of_first
 
 if TYPE_CHECKING:
-    from ident.identify.compare import CampaignSample
+    from ident.identify.sample import CampaignSample
 
 CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import arviz
     import xarray
 
-    from ident.identify.compare import CampaignSample
+    from ident.identify.sample import CampaignSample
 
 
 def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.InferenceData":

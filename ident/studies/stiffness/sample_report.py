@@ -33,8 +33,8 @@ from ident.studies.stiffness.fit_report import damping_in_words, refused, unknow
 from ident.studies.stiffness.warnings import asked_for, contradiction, drive_states, good_if, odd_numbers
 
 if TYPE_CHECKING:
-    from ident.identify.compare import CampaignSample
     from ident.identify.fit import CampaignFit
+    from ident.identify.sample import CampaignSample
 
 LEAST_BELOW = 0.005
 """Share of simulated values on one side of a measured value below which it lies outside the prediction."""

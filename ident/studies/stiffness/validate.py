@@ -12,7 +12,7 @@ from ident.studies.stiffness.fit import fit as fit_study
 
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
-    from ident.identify.compare import Scope, Validation
+    from ident.identify.validate import Scope, Validation
     from ident.measure import Campaign
 
 
@@ -86,7 +86,7 @@ def validate(
         InputError: see `fit`, and a campaign of fewer than two parts.
         ModelError: no optimum was reached.
     """
-    from ident.identify.compare import validate_fit
+    from ident.identify.validate import validate_fit
 
     fit = fit_study(arm, campaign, options, progress=progress).fit
     return ValidateResult(arm, validate_fit(fit, options.leave, options.seed, progress("parts")), options)

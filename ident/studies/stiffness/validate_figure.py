@@ -21,7 +21,7 @@ from ident.report.style import (
 from ident.studies.stiffness.fit_figure import LETTER
 
 if TYPE_CHECKING:
-    from ident.identify.compare import Validation
+    from ident.identify.validate import Validation
 MOST, PART = 60, 44
 """Largest number of rows; of more measurements those with the largest errors. Longest name of a part [characters]."""
 

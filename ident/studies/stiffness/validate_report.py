@@ -11,7 +11,7 @@ from ident.report.words import counted, in_read_unit, percent, sentence, some
 from ident.studies.stiffness.warnings import drive_states
 
 if TYPE_CHECKING:
-    from ident.identify.compare import Validation
+    from ident.identify.validate import Validation
     from ident.inference.scrutiny import HeldOut
 
 PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
