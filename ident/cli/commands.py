@@ -64,10 +64,10 @@ if TYPE_CHECKING:
     from ident.studies.cure.diagnose import StageReport
     from ident.studies.result import Result
 
-offer(predict, "Predict natural frequencies, modes and static deflection of an arm.", files=False)
+offer(predict, "Predict natural frequencies, modes and deflections of an arm.", files=False)
 offer(
     check,
-    """Check what a campaign can determine about each unknown, before any fit.
+    """Check before any fit what a campaign can determine.
 
     A verdict for each one, undetermined combinations, which measurements matter, which modes may be mistaken, and
     whether the kinds of measurement agree. Nothing is written.
@@ -77,7 +77,7 @@ offer(
 )
 offer(
     fit,
-    """Fit the joint stiffnesses to a campaign: values, intervals, and what to doubt.
+    """Fit joint stiffnesses: values, intervals, what to doubt.
 
     Damping is fitted too where damping ratios were measured. Writes CAMPAIGN.fit.json and CAMPAIGN.fit.png into the
     folder given by --out. Exit status 3 where no optimum was reached.
@@ -86,7 +86,7 @@ offer(
 )
 offer(
     profile,
-    """Check the intervals of a fit: move each unknown and fit all others again.
+    """Check intervals: move each unknown, fit all others again.
 
     With --no-prior the profiles show what the data alone support. Writes CAMPAIGN.profile.json and
     CAMPAIGN.profile.png into the folder given by --out, when all is done.
@@ -108,7 +108,7 @@ def sample_command(
     out: OutOption = Path("out"),
     restart: Annotated[bool, typer.Option("--restart", help="throw away the checkpoints of an unfinished run")] = False,
 ) -> "Iterator[Result]":
-    """Sample the posterior of a campaign: how certain each stiffness and combination is.
+    """Sample the posterior: how certain each stiffness is.
 
     Continues an earlier run of the same inputs that was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
     figures into the folder given by --out. Exit status 3 where the chains are too short.
@@ -134,7 +134,7 @@ def plan_command(
     runs: flag("table of runs to measure on the moving arm (see ident source): what they would tell") = None,
     out: OutOption = Path("out"),
 ) -> "Iterator[Result]":
-    """Rank what to measure next by information per minute, with the std. errors to expect.
+    """Rank what to measure next, and the errors to expect.
 
     Writes CAMPAIGN.plan.json, CAMPAIGN.plan.csv (a campaign to fill in) and CAMPAIGN.plan.png into the folder given by
     --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file.
@@ -159,14 +159,14 @@ def plan_command(
 
 offer(
     resonance,
-    """Draw the Campbell diagram of a motion: pulley frequencies against natural frequencies (the paper's Figure 4).
+    """Draw the Campbell diagram of a motion: pulleys against modes.
 
     Writes ARM.MOTION.resonance.json and .png into the folder given by --out.
     """,
 )
 offer(
     validate,
-    """Test how far a fitted arm can be trusted where it was not measured.
+    """Test how far a fit can be trusted where nothing was measured.
 
     Each posture is left out in turn (--leave), the arm is fitted to the rest, and what was left out is predicted.
     Writes CAMPAIGN.validate.json and CAMPAIGN.validate.png into the folder given by --out.
@@ -175,7 +175,7 @@ offer(
 )
 offer(
     compare,
-    """Find which joint stiffness has changed between two campaigns, and by how much.
+    """Find which stiffness has changed between two campaigns.
 
     Both campaigns are fitted again together: what they have in common counts once. Writes FIRST-SECOND.compare.json and
     .png into the folder given by --out.
@@ -188,14 +188,14 @@ offer(
 )
 offer(
     simulate,
-    """Simulate how the arm's end vibrates while the arm carries out a motion.
+    """Simulate how the arm's end vibrates during a motion.
 
     Writes ARM.MOTION.simulate.csv, .nc and .json and figures into the folder given by --out.
     """,
 )
 offer(
     spectrum,
-    """Show at which frequencies a trace vibrates, and how much.
+    """Show what a recording holds: quality, lines, modes near them.
 
     Writes FILE.spectrum.json and .png, and with --spectrogram further figures, into the folder given by --out.
     """,
@@ -210,7 +210,7 @@ offer(
 
 offer(
     triage,
-    """Tell what makes the vibration of a moving arm: a drive, a mode, or a fixed line. Nothing must be identified.
+    """Tell what makes a moving arm vibrate: a drive, a mode, a line.
 
     RUNS is a table: a row for each trace, with how the arm moved (ident source --init); or, with --path, one trace of
     the end point: time [s], x [mm] or x [m/s^2], ... Writes RUNS.triage.json and the order map RUNS.triage.png into the
@@ -224,7 +224,7 @@ offer(
 
 offer(
     joint,
-    """Tell a joint's stiffness, friction, backlash and delay from logs of its motor and its link.
+    """Tell a joint's stiffness, friction and backlash from its logs.
 
     Writes LOG.joint.json and .png into the folder given by --out.
     """,
@@ -248,7 +248,7 @@ def source_command(
     init: Annotated[bool, typer.Option("--init", help="write runs.csv to fill in into that folder, and stop")] = False,
     out: OutOption = Path("out"),
 ) -> "Iterator[Result]":
-    """Identify imbalance and transmission error of each drive from traces of the moving arm.
+    """Identify each drive's imbalance and transmission error.
 
     The table has a row for each trace, and how the arm moved. Writes RUNS.source.json, which --posterior of other
     commands takes, and RUNS.source.png into the folder given by --out. Exit status 3 where the search did not settle.
@@ -266,7 +266,7 @@ def source_command(
 
 offer(
     balance,
-    """Balance the drives' rotors by what ident source has identified: masses, angles, and what is left.
+    """Balance the drives' rotors: masses, angles, what is left.
 
     Writes ARM.MOTION.balance.json and .png into the folder given by --out.
     """,
@@ -276,7 +276,7 @@ offer(
 
 offer(
     sweep,
-    """Vary numbers of the arm, or its speed: how the vibration over a motion depends on them (Figures 9 and 10).
+    """Vary numbers of the arm, or its speed, and see the vibration.
 
     Each parameter alone, the others as they are; two together with --grid. By the fast method. Writes
     ARM.MOTION.PARAMETERS.sweep.csv, .json and .png into the folder given by --out, when all is done.
@@ -284,7 +284,7 @@ offer(
 )
 offer(
     motion,
-    """Choose how fast to go along the path so that the arm keeps a limit of vibration: no part is changed.
+    """Choose the speed along a path that keeps a limit of vibration.
 
     Compares the motion as it is with slower ones, other profiles, input shapers, and a speed chosen along the path.
     Writes ARM.MOTION.motion.json, .csv (the joint path, for the controller and ident simulate --path) and .png into the
@@ -294,7 +294,7 @@ offer(
 )
 offer(
     design,
-    """Find the change of the arm that keeps a limit, or vibrates least, within bounds.
+    """Find the least change of the arm that keeps a limit.
 
     Writes ARM.MOTION.design.json, .toml (the changed arm) and figures into the folder given by --out; with
     --sensitivities ARM.MOTION.sensitivities.json and .png. See also ident sweep.
@@ -309,7 +309,7 @@ def rerun(
     out: flag("folder for the new files; default: none", "--out", "-o") = None,
     force: ForceOption = False,
 ) -> None:
-    """Repeat what a saved result records, and check that the numbers are the same.
+    """Repeat a saved result and check that its numbers are the same.
 
     Its inputs are found by their hash: where they were, beside the file, or in this folder; an arm or campaign that is
     gone or changed is taken from the text in the file. Without an input the exit status is 2.
@@ -362,7 +362,7 @@ def show(
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
 ) -> None:
-    """Draw an arm and check its numbers for plausibility, list its names, or print a saved result again.
+    """Draw an arm, check its numbers; or print a saved result again.
 
     Of an arm: masses, reach, first modes, and each number that looks wrong; with --details every number and its origin.
     Writes into the folder given by --out ARM.show.png, and ARM.show.modes.svg, in which the first modes move: any
@@ -417,7 +417,7 @@ def new(
         "link, body or site of it that the arm ends with; default: the end of the chain", "--tip", kind=str | None
     ) = None,
 ) -> None:
-    """Write an arm and a campaign with example numbers into a new folder, ready to run and to be filled in.
+    """Write an arm and a campaign to run and to fill in.
 
     As `ident new scara my_robot`, or `ident new my_robot --robot robot.urdf`. Writes arm.toml, in which every number
     has a comment or an origin, and campaign.csv, simulated with stiffnesses that it states.
@@ -464,7 +464,7 @@ def diagnose_command(
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
 ) -> "Iterator[Result]":
-    """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
+    """Go from a campaign to a verdict, a cause and a cure.
 
     Stiffnesses, natural frequencies along the motion, resonance, vibration against the limit; remedies by their effort:
     another speed, mass centres, torsional stiffness. Continues an earlier run of the same inputs that was stopped.
@@ -505,7 +505,7 @@ def diagnose_command(
 
 offer(
     explore,
-    """Explore an arm by hand: a page with sliders for stiffnesses, payload, speed and posture.
+    """Explore an arm by hand: a page with sliders.
 
     The page shows the arm and its modes, natural frequencies along the motion against the pulleys', static deflection
     and steady response, and computes them itself: one HTML file, no network, no server. Writes ARM.explore.html into
@@ -531,7 +531,7 @@ def export(
     ) = None,
     force: flag("write into the description of another robot, too", "--force", kind=bool) = False,
 ) -> None:
-    """Write what was identified into the robot's own description, or as JSON.
+    """Write identified values into the robot's own description.
 
     MJCF gets three passive hinges before each driven one, URDF a comment, both .joints.toml beside them, by which ident
     reads them; an arm file the values, with the origin calibrated. Of a posterior the medians are written.
@@ -561,7 +561,7 @@ def fleet_command(
     arm: flag("arm of robots whose folder has none; default: arm.toml beside them", "--arm") = None,
     out: OutOption = Path("out"),
 ) -> "Iterator[Result]":
-    """Fit each robot of a fleet: the spread of their stiffnesses, and which robot stands out.
+    """Fit each robot of a fleet: their spread, and who stands out.
 
     Continues an earlier run of the same inputs that was stopped. Writes ROBOTS.fleet.json, .prior (flags of ident fit
     for the next robot) and .png into the folder given by --out. Exit status 3 where a robot failed.
@@ -589,7 +589,7 @@ def modal_command(
     init: Annotated[bool, typer.Option("--init", help="write the channel table to fill in, and stop")] = False,
     out: OutOption = Path("out"),
 ) -> "Iterator[Result]":
-    """Make a campaign of the files of a hammer test, or of one without force: modes with their covariance, names.
+    """Make a campaign of a hammer test, or of one without force.
 
     Lists the hits that were rejected, lines of rotating parts, and modes without a certain name, with the reason.
     Writes TESTS.modal.csv (a campaign for ident fit), .covariance.csv, .nc, .json and three figures for each posture
@@ -610,7 +610,7 @@ OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "di
 
 @plain
 def doctor() -> None:
-    """Print what to send with a question: versions, processor, cache, optional libraries."""
+    """Print what to send with a question: versions, processor."""
     running.start()
     import jax
 

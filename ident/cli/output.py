@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from ident import __version__
 from ident.errors import ConvergenceError, IdentError, InputError, one_line
+from ident.studies import MODULES
 
 if TYPE_CHECKING:
     from ident.studies.result import Reported
@@ -24,7 +26,33 @@ if TYPE_CHECKING:
 # -------- App
 # The program `ident` itself: commands register with `app`.
 
+LABELS = {
+    "look": "Look at an arm",
+    "measuring": "Measure",
+    "stiffness": "Stiffness of the joints",
+    "working": "Vibration at work",
+    "cause": "Its cause",
+    "cure": "Its cure",
+    "": "Else",
+}
+"""Heads of the commands in `ident --help`, by the folder of their study."""
+PLACES = {**{name: module.split(".")[2] for name, module in MODULES.items()}, "new": "look"}
+"""The folder of each command's study; of `new`, which has no report, too."""
+
+
+class ByStep(TyperGroup):
+    """The commands by the steps of a user's way."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a section for each step, and one for commands without a study of their own."""
+        rows = [(name, each.get_short_help_str(formatter.width)) for name, each in self.commands.items()]
+        for step, label in LABELS.items():
+            with formatter.section(label):
+                formatter.write_dl([row for row in rows if PLACES.get(row[0], "") == step])
+
+
 app = typer.Typer(
+    cls=ByStep,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

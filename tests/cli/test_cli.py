@@ -11,7 +11,9 @@ from commands import files
 
 from ident import __version__
 from ident.cli import main
+from ident.cli.output import LABELS, PLACES
 from ident.measure import read_campaign
+from ident.studies import STUDIES
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
@@ -131,3 +133,14 @@ def test_an_error_is_folded_for_people_and_one_line_for_scripts(monkeypatch, tmp
     if not wide:
         assert max(map(len, lines)) <= 100
         assert " ".join(line.strip() for line in lines).count("expected a number; write a plain number") == 2
+
+
+def test_help_is_by_what_one_does_and_no_line_is_cut_off(monkeypatch, run):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, text, _ = run("--help")
+    assert code == 0
+    lines = [line for line in text.partition("Look at an arm:")[2].splitlines() if line.startswith("  ")]
+    assert [line.split()[0] for line in lines][:6] == ["predict", "show", "new", "explore", "export", "modal"]
+    assert {line.split()[0] for line in lines} >= {*STUDIES, "rerun", "doctor"}
+    assert all(line.endswith(".") and "..." not in line and len(line) <= 80 for line in lines)
+    assert set(PLACES.values()) | {""} == set(LABELS)
