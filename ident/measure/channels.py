@@ -229,8 +229,8 @@ def _channel(row: Row) -> ChannelRow | None:
         row.attempt("quantity", known, quantity)
     if role in (FORCE, RESPONSE, REFERENCE):
         said["drives"] = row.value(DRIVES)
-        row.need("point", f"a point of the arm, of a {role}")
-        row.need("direction", f"x, -z, ... or three numbers, of a {role}")
+        row.need("point", f"a point of the arm for a {role}")
+        row.need("direction", f"x, -z, ... or three numbers for a {role}")
         if bool(row["joint"]) != bool(row["position"]):
             row.add("one of joint and position", "both, or neither", "fill the other cell", "position")
     said |= {"quantity": quantity, "unit": said["unit"] if own is None else own, "in_volts": own is not None}

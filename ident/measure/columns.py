@@ -242,7 +242,7 @@ def read_header(
             read = findings.attempt(where, name, unit_of, unit or rule.unit, name, *rule.quantities)
             units[name] = read or Unit(unit, rule.quantities[0], 1.0)
         elif rule and rule.unit_is and unit not in ("", rule.unit):
-            findings.append(Problem(where, unit, *rule.unit_is, name))
+            findings.append(Problem(where, quoted(unit), *rule.unit_is, name))
     for name in others if shown else ():
         near = nearest(name, own)
         remedy = f"write {near}" if strict else f"did you mean {near}?"

@@ -68,7 +68,8 @@ def read_joint_log(path: str | Path, *, locked: bool = False, columns: Columns =
         expected = "columns as 'joint1.motor [deg]', 'joint1.link [deg]' and 'joint1.torque [N*m]'"
         findings.append(Problem(header.where, "no joint", expected, "name the columns so"))
     for rule in rules:
-        findings += _motion_problems(series, rule, locked) if series.where and rule.name in series else ()
+        read = series.where and rule.name in series and np.isfinite(series[rule.name]).all()
+        findings += _motion_problems(series, rule, locked) if read else ()
     refuse(findings)
     time, values, even = at_even_times(series, {rule.name: series[rule.name] for rule in rules if rule.name in series})
     own = {n: {c: values[f"{n}.{c}"] for c in CHANNELS if f"{n}.{c}" in values} for n in joints}

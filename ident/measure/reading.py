@@ -137,7 +137,7 @@ def _covariance(measurements: Iterable[Measurement], path: str | Path, data: byt
     sizes, beside = Counter(m.group for m in measurements if m.group), covariance_path(path)
     where, expected = one_line(str(beside)), f"rows of {one_line(Path(path).name)} in groups"
     remedy = "name each row's group in a column group, or remove this file"
-    require(sizes or data is None, where, "correlations of no row", expected, remedy)
+    require(sizes or data is None, where, "correlations, but no row has a group", expected, remedy)
     remedy = "write it (group,i,j,correlation), or empty the column group"
     is_there, expected = data is not None or not sizes, "the correlations of the rows in groups"
     require(is_there, where, "no such file", expected, remedy)
@@ -155,7 +155,7 @@ def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes |
         return NO_SETUPS
     where, expected = one_line(str(beside)), f"rows of {one_line(Path(path).name)} in them"
     remedy = "name each row's setup in a column setup, or remove this file"
-    require(names, where, "frames of no row", expected, remedy)
+    require(names, where, "frames, but no row names a setup", expected, remedy)
     return parse_setups(data, beside, names)
 
 

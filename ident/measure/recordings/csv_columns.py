@@ -66,7 +66,13 @@ def _over_time(cells: list[tuple[str, str, np.ndarray]], time: np.ndarray, table
     of = dict[int, tuple[Even, int]]()
     for places in clocks:
         own = rows[places[0]]
-        even = evened(time[own], np.stack([cells[place][2][own] for place in places]), table.file)
+        try:
+            even = evened(time[own], np.stack([cells[place][2][own] for place in places]), table.file)
+        except InputError:
+            if own.all():
+                raise
+            empty, remedy = int(np.argmin(own)), "fill the cell, or delete the rows up to it"
+            raise refusal(table.records[1 + empty][0], "nothing", "a number", remedy, cells[places[0]][0]) from None
         of |= {place: (even, number) for number, place in enumerate(places)}
     for place, (even, number) in sorted(of.items()):
         name, unit, _ = cells[place]

@@ -87,7 +87,10 @@ def evened(time: np.ndarray, values: np.ndarray, file: str, column: str = "time"
     if (step := steady_step(time, file, column)) is not None:
         return Even(float(time[0]), step, values, tuple(remarks))
     got, expected, remedy = _oddest(time)
-    require(len(time) >= JUDGED_MIN and (np.diff(time) > 0).all(), file, got, expected, remedy, column)
+    late = int(np.argmin(np.diff(time)))
+    again, order = f"{time[late + 1]:.9g} s after {time[late]:.9g} s", "sort the rows or delete the repeated one"
+    require(time[late + 1] > time[late], file, again, "times that increase", order, column)
+    require(len(time) >= JUDGED_MIN, file, got, expected, remedy, column)
     part = _longest_part(time)
     if part != slice(0, len(time)):
         lost, (first, last) = 1 - (part.stop - part.start) / len(time), time[[part.start, part.stop - 1]]
