@@ -98,7 +98,7 @@ def test_a_pipe_or_a_file_without_end_is_no_channel_table(tmp_path):
             "a.uff,f,hammer,tip,,,z,,,N,,0,",
             "channels.csv:2, role: got 'hammer', expected one of force, response, reference, time,",
         ),
-        ("a.uff,f,force,,,,z,,,N,,0,", "channels.csv:2, point: got nothing, expected a point of the arm, of a force"),
+        ("a.uff,f,force,,,,z,,,N,,0,", "channels.csv:2, point: got nothing, expected a point of the arm for a force"),
         ("a.uff,f,force,tip,,,,,,N,,0,", "channels.csv:2, direction: got nothing, expected x, -z, ..."),
         ("a.uff,f,force,tip,,,z,,,N,,,", "channels.csv:2, q1: got nothing, expected a number"),
         ("a.uff,f,force,tip,,,z,,length,N,,0,", "quantity: got 'length', expected one of force, of a force"),
@@ -149,7 +149,7 @@ def test_the_table_to_fill_in_has_what_the_files_say_and_no_more(tmp_path):
     assert "hits.unv,1:-Z force,force,,,,N,,,,,,,,2 x 50 samples at 200 Hz" in text
     assert "hits.unv,2:+Y acceleration,response,,,,m/s^2,,,,,,,,2 x 50 samples at 200 Hz" in text
     assert list(recordings_of(tmp_path)) == ["hits.unv"], "the table is no recording"
-    with pytest.raises(InputError, match="got nothing, expected a point of the arm, of a force"):
+    with pytest.raises(InputError, match="got nothing, expected a point of the arm for a force"):
         read_channels(tmp_path / "channels.csv")
     with pytest.raises(InputError, match="got a file that is there, expected none"):
         write_template(tmp_path, tmp_path / "channels.csv", 3)
