@@ -424,6 +424,11 @@ def body_axes(arm: Arm, posture: Float[AnyArray, "driven"], body: str) -> Float[
     raise KeyError(body)
 
 
+def link_axes(arm: Arm, posture: Float[AnyArray, "driven *batch"]) -> Float[Array, "3 3 N *batch"]:
+    """Return the axes of all links, columns, in the base frame, at a posture [rad] without elastic rotation."""
+    return _frames(arm, jnp.asarray(posture, float))[1]
+
+
 def _frames(arm: Arm, posture: Array) -> tuple[Array, Array]:
     """Return the axes of all shafts and of all links (3, 3, N, *batch) in the base frame."""
     angles, none = iter(posture), jnp.zeros_like(posture[:1]).sum(0)

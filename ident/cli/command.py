@@ -188,7 +188,7 @@ ForceOption = Annotated[bool, typer.Option("--force", help="keep no earlier resu
 NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
 StrictOption = Annotated[bool, typer.Option("--strict", help="exit with status 3 where the data are contradictory")]
 MAIN: Mapping[str, str] = {
-    "predict": "posture load set fit modes draws",
+    "predict": "posture load set fit modes draws tool frame",
     "check": "fix free soft_base strict",
     "fit": "fix free soft_base discrepancy no_prior strict",
     "profile": "parameter fix free no_prior",

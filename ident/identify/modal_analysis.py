@@ -61,7 +61,7 @@ class ModalAnalysis:
         A mode has no amplitude: only the ratios of its displacements are meaningful.
         """
         posture, phi, shapes = map(jnp.asarray, (self.posture, self.equilibrium, self.modes.shape))
-        line, displacement = _outline(self.arm, posture, phi, shapes, _servo(self.drives))
+        line, displacement = _outline(self.arm, posture, phi, shapes, servo_of(self.drives))
         return np.asarray(line), np.asarray(displacement)
 
     def beyond_limits(self) -> Iterator[tuple[str, float, tuple[float, float]]]:
@@ -124,7 +124,7 @@ def modal_analysis(
 Servo = Float[Array | np.ndarray, ""] | None
 
 
-def _servo(drives: str) -> Servo:
+def servo_of(drives: str) -> Servo:
     """Return the servo argument of `at_posture` for the state of the drives."""
     return np.array(1.0) if drives == "servo" else None
 
@@ -169,7 +169,7 @@ class ModalSolution(eqx.Module):
 def modal_solution(arm: Arm, posture: tuple[float, ...], load: Load, drives: str = DRIVE_STATES[0]) -> ModalSolution:
     """Return all modes of an arm, or of a batch of arms, held at a posture (driven,) [rad] under a load."""
     loads = bind_loads(arm, [in_base_axes(arm, posture, load)])
-    return _solve(arm, jax.device_put(np.array([posture], float).T), loads, _servo(drives))
+    return _solve(arm, jax.device_put(np.array([posture], float).T), loads, servo_of(drives))
 
 
 @jit

@@ -127,6 +127,11 @@ def degrees(posture: Iterable[float]) -> str:
     return f"({', '.join(f'{math.degrees(angle) + 0.0:.4g}' for angle in posture)}) deg"
 
 
+def vector_in_words(vector: np.ndarray) -> str:
+    """Write a direction, as `-0.03, 0.00, 1.00`."""
+    return ", ".join(f"{x + 0.0:.2f}" for x in vector.round(2))
+
+
 def scatter(sd: float) -> str:
     """Write the standard deviation of a logarithm: `2.1 %` or, if large, `factor 1.9`."""
     return percent(sd) if sd < 0.3 else f"factor {as_factor(sd)}"

@@ -16,6 +16,15 @@ def test_predict_prints_modes_and_deflection(run, tmp_path):
         assert text in out
 
 
+def test_predict_prints_the_compliance_at_the_tool(run, tmp_path):
+    code, out, _ = run("predict", DATA / "arm.toml", "--posture=0,0,0", "--tool")
+    assert code == 0
+    assert files(tmp_path) == []
+    for text in ("compliance at tip", "[um/N]", "[mrad/(N m)]", "largest: along", "Joints only: links count as rigid"):
+        assert text in out
+    assert "Hz" not in out
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -26,6 +35,9 @@ def test_predict_prints_modes_and_deflection(run, tmp_path):
         (["--set=link2.mass"], "--set link2.mass: got no NAME=VALUE"),
         (["--fit=none.json"], "none.json: got no such file"),
         (["--posterior=none.nc"], "none.nc: got no such file"),
+        (["--frame=tool"], "--frame: got 'tool', expected none without --tool"),
+        (["--tool", "--frame=tol"], "--frame: got 'tol', expected one of base, tool"),
+        (["--tool", "--point=tipp"], "--point: got 'tipp', expected one of tip"),
         (["--set=link2.mass=-3"], "--set: got link2.mass=-3, expected a value >= 0"),
     ],
 )

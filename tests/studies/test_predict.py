@@ -72,6 +72,35 @@ def test_a_posterior_gives_medians_and_bands(drawn, tmp_path):
     assert_comes_back(result, tmp_path)
 
 
+def test_a_compliance_has_its_screen_bands_table_file_and_picture(drawn, tmp_path):
+    result = predict(lcd_arm(), PredictOptions(tool=True, frame="tool"), posterior=drawn)
+    (tool,) = (each.tool for each in result.predictions)
+    report = result.report()
+    assert "compliance at tip" in report
+    assert "Joints only: links count as rigid, so this is a lower bound of compliance." in report
+    assert f"{1e6 * tool.largest[0]:.4g}" in report
+    assert_one_screen(report)
+    assert "Fx [N]" in result.report(details=True)
+    rows = result.table()
+    assert_plain(rows)
+    assert len(rows) == 36
+    (lateral,) = (row for row in rows if (row["motion"], row["wrench"]) == ("y", "Mz"))
+    assert lateral["compliance"] == tool.matrix[1, 5]
+    assert lateral["compliance_q05"] < lateral["compliance"] < lateral["compliance_q95"]
+    assert (lateral["unit"], lateral["frame"], lateral["point"]) == ("m/(N m)", "tool", "tip")
+    assert_comes_back(result, tmp_path)
+    title = result.figures()["predict"].get_suptitle()
+    assert f"{1e6 * tool.largest[0]:.4g} um/N" in title
+
+
+def test_a_compliance_at_many_postures_has_a_row_for_each():
+    many = tuple((angle, -2.0 * angle, angle) for angle in (0.0, 30.0, 60.0))
+    (table, words) = predict(lcd_arm(), PredictOptions(posture=many, tool=True)).sections().answer
+    assert len(table.rows) == 3
+    assert table.rows[1][0].startswith("largest at (30, -60, 30) deg: along (")
+    assert words.startswith("Joints only")
+
+
 def test_what_is_set_is_not_drawn(drawn):
     both = PredictOptions(set=dict.fromkeys(stiffness_paths(lcd_arm()), 5e4))
     with pytest.raises(ident.InputError, match="set: got every number of the posterior"):

@@ -1,7 +1,7 @@
 """Predict natural frequencies, modes and static deflection of an arm at postures."""
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from math import radians
 from typing import TYPE_CHECKING
 
@@ -35,24 +35,33 @@ class PredictOptions(ArmOptions):
     )
     modes: int = option(6, "number of modes", low=1, high=1000)
     drives: str = option("brake", "what holds the motors: brake, or servo of the arm file", choices=("brake", "servo"))
+    tool: bool = option(False, "the static compliance at a point: motion and turn per force and moment, under the load")
+    frame: str = option("base", "axes of the compliance: base, or tool, the point's link", choices=("base", "tool"))
+    point: str = option("", "point of the compliance; default: the last one of the arm file")
     draws: int = option(200, "draws of the posterior", low=2, high=100_000)
     seed: int | None = seed_of_draws()
 
     def problems(self) -> list[Problem]:
-        """Return a negative mass or stiffness, or an invalid posture."""
+        """Return a negative mass or stiffness, an invalid posture, or options of a compliance that is not asked for."""
         fine = all(isinstance(q, tuple | list) and all(map(is_angle, q)) for q in self.posture)
         expected, remedy = f"postures, each of several angles within {FARTHEST:g} deg", "as ((30, -60, 30),)"
-        return [*super().problems(), *([] if fine else [Problem("posture", f"{self.posture}", expected, remedy)])]
+        wrong = [] if fine else [Problem("posture", f"{self.posture}", expected, remedy)]
+        if not self.tool and (self.point or self.frame != "base"):
+            where, expected = "point" if self.point else "frame", "none without `tool`, the compliance"
+            wrong.append(Problem(where, quoted(getattr(self, where)), expected, "add `tool`, or leave it out"))
+        return [*super().problems(), *wrong]
 
 
 class PredictResult(Result):
     """Modes and static deflection of an arm at some postures.
 
-    The table has a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio.
+    The table has a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio. With the
+    option `tool` it has a row for each number of the compliance instead: motion, wrench, compliance [SI], its unit.
 
     Attributes:
         arm: the arm as in its file.
-        predictions: modes and static deflection at each posture, in the order of the options, with those by draws.
+        predictions: modes, static deflection and compliance (`tool`) at each posture, in the order of the options, with
+            those by draws.
         options: the options of the call.
         fit: fitted values of the arm.
         posterior: draws of the arm's numbers.
@@ -109,10 +118,12 @@ class PredictResult(Result):
         return tuple(analysis.deflection for analysis in self.analyses)
 
     def _figures(self) -> "dict[str, Figure]":
-        """Return one figure a posture, `2` for the second: the modes from the side and from above."""
-        from ident.studies.look.predict_figure import mode_figure
+        """Return one figure a posture, `2` for the second: modes, or compliance, from the side and from above."""
+        from ident.studies.look.predict_figure import compliance_figure, mode_figure
 
-        return {str(i + 1) if i else "": mode_figure(analysis) for i, analysis in enumerate(self.analyses)}
+        shown = ((each.analysis, each.tool) for each in self.predictions)
+        drawn = (compliance_figure(one, tool) if tool else mode_figure(one) for one, tool in shown)
+        return {str(i + 1) if i else "": figure for i, figure in enumerate(drawn)}
 
     def frequency_figure(self, joint: str = "") -> "Figure":
         """Draw the natural frequencies against the angle of a joint, for postures along a motion.
@@ -147,16 +158,18 @@ def predict(
 
     Args:
         arm: the arm.
-        options: postures, by default the one with all angles zero; load; numbers to change; number of modes.
+        options: postures, by default the one with all angles zero; load; numbers to change; number of modes; whether
+            the compliance at a point too, and in which frame.
         fit: fitted values for the arm: a result, or its file.
         posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes their medians unless it
             has fitted values.
 
     Raises:
-        InputError: a posture of the wrong length, an unknown load or number, an arm without any point; a file that does
-            not match the arm.
+        InputError: a posture of the wrong length, an unknown load, number or point, an arm without any point; a file
+            that does not match the arm.
         ModelError: the arm has no stable equilibrium there.
     """
+    from ident.identify.compliance import tool_compliance
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
     from ident.studies.look.prediction import Prediction, predict_draws
@@ -170,4 +183,7 @@ def predict(
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
     analyses = [modal_analysis(changed, posture, load, options.modes, options.drives) for posture in postures]
     predictions = tuple(predict_draws(each, draws) if draws else Prediction(each) for each in analyses)
+    if options.tool:
+        tools = [tool_compliance(each, options.point, options.frame, draws) for each in analyses]
+        predictions = tuple(replace(each, tool=tool) for each, tool in zip(predictions, tools, strict=True))
     return PredictResult(arm, predictions, options, fit, posterior)

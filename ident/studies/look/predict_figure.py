@@ -1,4 +1,4 @@
-"""The modes of an arm at a posture, and its natural frequencies over postures."""
+"""The modes of an arm at a posture, its compliance there, and its natural frequencies over postures."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 
 from ident.report.report import cut
 from ident.report.style import NAME_STYLES, Style, colour_of, heading, plain
-from ident.report.words import degrees
+from ident.report.words import degrees, vector_in_words
 
 if TYPE_CHECKING:
+    from ident.identify.compliance import ToolCompliance
     from ident.identify.modal_analysis import ModalAnalysis
     from ident.studies.look.prediction import Prediction
 
@@ -21,6 +22,9 @@ PALEST = "#C8C8C8"
 ROUND: Style = {"solid_joinstyle": "round"}
 SWING = 0.12
 """Largest drawn displacement, as a share of the arm's length."""
+THIN = 40
+"""Draws of a posterior in the picture of a compliance, at most."""
+FAINT: Style = {"color": "#4477AA", "linewidth": 0.6, "alpha": 0.4}
 VIEW_WIDTH = 5.2
 """Width of one view [inch]."""
 
@@ -67,6 +71,37 @@ def mode_figure(analysis: "ModalAnalysis") -> Figure:
             name = f"{i + 1}: {label}{doubt}, {analysis.modes.frequency[i]:.2f} Hz, {view}"
             axes.set_title(name, fontsize=9, loc="left")
     return figure
+
+
+def compliance_figure(analysis: "ModalAnalysis", tool: "ToolCompliance") -> Figure:
+    """Draw the arm at rest and, at the point, where forces of one size in all directions move it: an ellipsoid.
+
+    A posterior's draws are drawn thin. The ellipsoid is drawn visibly large, and the title gives its scale.
+    """
+    rest, (largest, direction, _) = analysis.outline[0], tool.largest
+    size, draws = largest_swing(analysis), np.zeros((0, 6, 6)) if tool.draws is None else np.moveaxis(tool.draws, -1, 0)
+    figure = Figure(figsize=(2 * VIEW_WIDTH + 1, 4.5), layout="constrained")
+    title = f"Compliance of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, {cut(tool.point, 20)}"
+    title += f", load: {cut(str(analysis.load), 40)}{', servo on' if analysis.drives == 'servo' else ''}"
+    note = f"ellipsoid: motion by equal forces of all directions, drawn {size:.2g} m for {1e6 * largest:.4g} um/N"
+    note += f" along ({vector_in_words(tool.axes @ direction)}){'; thin: draws' * bool(len(draws))}"
+    figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
+    for axes, (view, across, up) in zip(figure.subplots(1, len(VIEWS)), VIEWS, strict=True):
+        _draw(axes, rest[[across, up]], color=PALEST, size=6.0)
+        for matrix, style in (*((draw, FAINT) for draw in draws[:THIN]), (tool.matrix, {"color": "black"})):
+            outline = size / largest * _shadow(tool.axes @ matrix[:3, :3] @ tool.axes.T, [across, up])
+            axes.plot(*(tool.place[[across, up], None] + outline), **style)
+        axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]")
+        axes.set_title(view, fontsize=9, loc="left")
+        plain(axes)
+    return figure
+
+
+def _shadow(C: np.ndarray, view: list[int]) -> np.ndarray:
+    """Return the outline (2, points) [m] of where forces of 1 N in all directions move a point, as seen in a view."""
+    axes, half, _ = np.linalg.svd(C[view])  # C maps the unit sphere to an ellipsoid
+    angle = np.linspace(0, 2 * np.pi, 181)
+    return np.asarray(axes * half @ np.stack([np.cos(angle), np.sin(angle)]))
 
 
 def frequency_figure(predictions: Sequence["Prediction"], joint: int) -> Figure:

@@ -9,12 +9,8 @@ from jaxtyping import Float
 
 from ident.arm.modes import follow
 from ident.errors import ModelError
+from ident.identify.compliance import LEVELS, TOGETHER, ToolCompliance
 from ident.identify.modal_analysis import ModalAnalysis, modal_solution
-
-TOGETHER = 64
-"""Draws solved at a time: always the same number, for one compiled program."""
-LEVELS = (0.05, 0.95)
-"""Quantiles of a band."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +25,7 @@ class Prediction:
         damping_ratio: (m, D) [-]
         deflection: (3, D) [m] by point name.
         collapsed: number of draws without a stable equilibrium; they are left out.
+        tool: static compliance at a point; None where it was not asked for.
     """
 
     analysis: ModalAnalysis
@@ -36,6 +33,7 @@ class Prediction:
     damping_ratio: Float[np.ndarray, "m D"] | None = None
     deflection: Mapping[str, Float[np.ndarray, "3 D"]] | None = None
     collapsed: int = 0
+    tool: ToolCompliance | None = None
 
     @cached_property
     def frequency_band(self) -> Float[np.ndarray, "2 m"]:
