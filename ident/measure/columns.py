@@ -28,6 +28,8 @@ ANGLE = re.compile(r"q[1-9][0-9]{0,2}")
 """Name of a joint angle's column."""
 EXAMPLES = {"time": "s", "angle": "deg", "length": "mm", "acceleration": "m/s^2", "moment": "N*m", "frequency": "Hz"}
 """Example unit of each quantity in a header, for messages."""
+LISTED = 8
+"""Columns of a file that a message lists."""
 ABOVE_0 = math.ulp(0.0)
 """The least number above 0."""
 UNSET: Any = ...
@@ -254,7 +256,9 @@ def read_header(
         if rule.required and rule.name not in names and rule.name not in bare:  # one with a unit too many is there
             expected = f"'{rule.name} [{EXAMPLES[rule.quantities[0]]}]'" if rule.quantities else rule.name
             near = "" if shown else nearest(rule.name, (name_and_unit(name)[0] for name in others))
-            remedy = f"rename {one_line(near[:LONGEST_QUOTE])}" if near else "add the column"
+            listed = ", ".join(one_line(name[:LONGEST_QUOTE]) for name in others[:LISTED])
+            remedy = "add the column" if shown or not others else f"say which of {listed} it is (`columns`)"
+            remedy = f"rename {one_line(near[:LONGEST_QUOTE])}" if near else remedy
             findings.append(Problem(where, "no such column", f"a column {expected}", remedy, rule.name))
     findings += doubled(where, [name for name, _, rule in columns if name and (rule or shown)])
     joints = [int(name[1:]) for name in names if ANGLES in rules and ANGLE.fullmatch(name)]

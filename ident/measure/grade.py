@@ -13,8 +13,8 @@ SAMPLES_PER_PERIOD = 2.56
 """Sampling rate by the upper end of the band: the margin of a usual anti-alias filter."""
 PERIODS_MIN = 2.0
 """Periods within the recording at the lower end of the band."""
-LINEAR = re.compile(r"\blin(?:ear)?[ _.]?acc", re.IGNORECASE)
-"""Names of accelerations from which a phone has taken gravity, by a filter."""
+LINEAR = re.compile(r"\blin[eé]a", re.IGNORECASE)
+"""Linear acceleration, from which a phone has taken gravity by a filter, in the languages of phyphox."""
 LINEAR_FROM = 1.0
 """Frequency [Hz] from which such an acceleration is right; assumed."""
 STEPPED = 0.1

@@ -17,6 +17,7 @@ from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 from ident.errors import InputError, LackingError, NoChannelError, Problem, refusal, require
+from ident.measure.grade import LINEAR
 from ident.measure.table import csv_text
 from ident.text import FILES_MAX, LARGEST_SAMPLES, LARGEST_TEXT, decode, one_line
 
@@ -68,8 +69,6 @@ NO_DATA = {"meta", "__MACOSX"}
 """Folders of a ZIP whose tables describe the phone or the archive."""
 _ACCELERATION = re.compile(r"\(s\).*m/s(\^2|²)")
 """Units in the header of accelerations over time; names are in the language of the phone."""
-_LINEAR = re.compile(r"lin[eé]a", re.IGNORECASE)
-"""Linear acceleration, from which the phone has removed gravity, in the languages of phyphox."""
 
 
 def _phone(data: bytes, file: str) -> tuple[str, tuple[str, ...]]:
@@ -98,7 +97,7 @@ def _phone(data: bytes, file: str) -> tuple[str, tuple[str, ...]]:
     require(len(names) == 1, file, got, "one table with accelerations", remedy)
     read = f"{names[0]} of the ZIP is read" if len(tables) > 1 else ""
     linear = "the phone has filtered linear acceleration: do not trust it below 1 Hz"
-    return tables[names[0]], tuple(filter(None, (read, linear if _LINEAR.search(heads[names[0]]) else "")))
+    return tables[names[0]], tuple(filter(None, (read, linear if LINEAR.search(heads[names[0]]) else "")))
 
 
 # -------- Bag

@@ -183,6 +183,7 @@ class Runs:
         files: the recordings and logs, by name.
         notes: remarks on them.
         columns: headers by names of the files, for what these do not say themselves.
+        logs: joint logs that were given as values, by the name in the column path.
         clocks: found clocks (`vibrate.clock.Clock`) by which times were corrected, by the recording's name.
     """
 
@@ -192,6 +193,7 @@ class Runs:
     files: Mapping[str, SourceFile]
     notes: tuple[str, ...] = ()
     columns: Columns = field(default_factory=dict)
+    logs: Mapping[str, Log] = field(default_factory=dict)
     clocks: Mapping[str, Any] = field(default_factory=dict)
 
     def of(self, file: str) -> tuple[Trace, ...]:
@@ -247,7 +249,7 @@ def runs_of(trace: SampledTrace, log: Log, delay: float | None = None) -> Runs:
         InputError: clipped samples, or too low a rate.
     """
     findings, traces, derivative = Findings(), list[Trace](), tuple(QUANTITIES).index(trace.kind)
-    file, path, step = Path(trace.path).name, Path(log.path).name, trace.interval
+    file, path, step = Path(trace.path).name or "trace", Path(log.path).name or "log", trace.interval
     for name, values in trace.values.items():
         row = RunRow(where=file, file=file, channel=name, direction=AXES[name], path=path, delay=delay)
         findings.attempt(file, name, _check_record, values, step, file)
@@ -255,7 +257,8 @@ def runs_of(trace: SampledTrace, log: Log, delay: float | None = None) -> Runs:
         time = (delay or 0.0) + trace.time[0] + slower * np.arange(len(values))
         traces.append(Trace(row, derivative, time, values))
     refuse(findings)
-    return Runs(trace.path, trace.sha256, tuple(traces), {path: SourceFile(log.path, log.sha256)})
+    files = {path: SourceFile(log.path, log.sha256)}
+    return Runs(trace.path, trace.sha256, tuple(traces), files, trace.notes, logs={path: log})
 
 
 def planned_runs(path: str | Path) -> Runs:

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 
-from ident.measure.table import DELIMITERS, IS_NUMBER, Findings, Record, csv_line, records_of, sheet_text
+from ident.measure.table import DELIMITERS, IS_NUMBER, Findings, Record, csv_line, decimal_mark, records_of, sheet_text
 from ident.text import decode, one_line
 from ident.units import VOLTAGES, sensor_factor
 
@@ -19,10 +19,12 @@ NONE: Columns = MappingProxyType({})
 
 HEAD_MAX = 400
 """Lines in which the header is looked for; assumed."""
-CLOCK = re.compile(r"(?:elapsed )?(?:t|times?|time ?stamps?|seconds|sec|date[ _-]?(?:time)?)", re.IGNORECASE)
+CLOCK = re.compile(r"(?:elapsed )?(?:t|times?|time ?stamps?|zeit|seconds|sec|date(?:[ /_-]?time)?)", re.IGNORECASE)
 """Names of the column of times."""
 MEASURED = ("time", "angle", "length", "velocity", "acceleration", "force", "moment", "frequency")
 """Quantities by whose units a text in round brackets, or after a slash, is a unit."""
+NO_UNIT = ("", "-", "1", "%", "°C", "degC")
+"""Cells in a row of units next to columns that have none that is known here."""
 LETTERS = "smgGNV°"
 """Units of one letter that a text in round brackets, or after a slash, may be."""
 _HEADED = re.compile(r"(?P<name>.*?\S)\s*(?:\((?P<round>.+)\)|/\s*\(?(?P<slash>[^()]+?)\)?)")
@@ -45,6 +47,8 @@ class Convention:
     units: Mapping[str, str]
 
 
+SLOWEST = 10
+"""Longest step [s] of a recording whose times count seconds since 1970; assumed."""
 CONVENTIONS = (
     Convention("Klipper", "accel_x", {"time": "s", "accel_[xyz]": "mm/s^2"}),
     Convention(
@@ -112,7 +116,8 @@ def read_samples(
     if records:
         where, cells = records[0]
         records[0] = where, list(_spelled(cells, columns, file, remarks))
-        records = _since_start(records, remarks)
+        mark = decimal_mark(delimiter, (cell for _, cells in records[1:20] for cell in cells))
+        records = _since_start(records, mark, remarks)
     return Samples(file, delimiter, records, tuple(remarks))
 
 
@@ -140,16 +145,17 @@ def _with_header_first(text: str, file: str, remarks: list[str]) -> str:
     """Return the text of a table whose first line without # is its header, if one can be told from its rows."""
     lines = text.splitlines(keepends=True)
     places = [place for place, line in enumerate(lines[:HEAD_MAX]) if line.strip(DELIMITERS + " \r\n\"'")]
-    delimiter = max((*DELIMITERS, " "), key=lambda mark: _numbers(_cells(lines[places[-1]], mark))) if places else ","
-    if len(places) < 2 or not (width := len(_cells(lines[places[-1]], delimiter))):
+    last = next((lines[place] for place in reversed(places) if not lines[place].lstrip().startswith(("#", "%"))), "")
+    delimiter = max((*DELIMITERS, " "), key=lambda mark: _numbers(_cells(last, mark)))
+    if len(places) < 2 or not (width := len(_cells(last, delimiter))):
         return text
-    header, units, count = None, None, _numbers(_cells(lines[places[-1]], delimiter))
+    header, units, count = None, None, _numbers(_cells(last, delimiter))
     for place in reversed(places):
         marked = lines[place].lstrip().startswith(("#", "%"))
         cells = _cells(lines[place].lstrip(" \t#%") if marked else lines[place], delimiter)
         plain = len(cells) == width and not _numbers(cells)
         if header is not None:
-            if units is None and plain and all(_is_unit(cell.strip("[]()")) for cell in filter(None, header[1])):
+            if units is None and plain and _are_units(header[1]):
                 header, units = (place, cells), header
             elif not marked and len(cells) == width and _numbers(cells) >= count:
                 return text  # rows on both sides: no header but a broken row
@@ -164,7 +170,8 @@ def _with_header_first(text: str, file: str, remarks: list[str]) -> str:
     if delimiter != " " and units is None and not above and not lines[place].lstrip().startswith(("#", "%")):
         return text
     if units is not None:
-        cells = [f"{cell} [{unit.strip('[]()')}]" if unit else cell for cell, unit in zip(cells, units[1], strict=True)]
+        pairs = [(cell, unit.strip("[]()")) for cell, unit in zip(cells, units[1], strict=True)]
+        cells = [cell if unit in NO_UNIT else f"{cell} [{unit}]" for cell, unit in pairs]
     if above := [number for number in above if not lines[number].lstrip().startswith("%")]:
         last = f" to {above[-1] + 1}" if above[1:] else ""
         remarks.append(f"{file}: line{'s' * bool(above[1:])} {above[0] + 1}{last} above the header were not read")
@@ -173,6 +180,11 @@ def _with_header_first(text: str, file: str, remarks: list[str]) -> str:
     if units is not None:
         rows[units[0] - place - 1] = "#\n"
     return "".join(["#\n"] * place + [csv_line(cells, tab)] + rows)
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    inside = [cell.strip("[]()") for cell in cells]
+    return all(cell in NO_UNIT or _is_unit(cell) for cell in inside) and any(map(_is_unit, inside))
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -215,31 +227,32 @@ def _spelled(cells: Sequence[str], columns: Columns, file: str, remarks: list[st
         remarks.append(f"{file}: {words}, as {known.program} writes them")
 
 
-def _since_start(records: list[Record], remarks: list[str]) -> list[Record]:
+def _since_start(records: list[Record], mark: str, remarks: list[str]) -> list[Record]:
     """Return records with dates, and counts since 1970, as seconds since the first row."""
     header = records[0][1]
     place = next((i for i, cell in enumerate(header) if CLOCK.fullmatch(split_header(cell)[0])), None)
     if place is None or len(records) < 2 or len(records[1][1]) <= place:
         return records
-    first, unit = records[1][1][place], split_header(header[place])[1]
+    first, unit = records[1][1][place].replace(mark, "."), split_header(header[place])[1]
     counts = not unit and re.fullmatch(r"\d+(?:\.\d+)?", first)
     rate, of = _SINCE_1970.get(len(first.partition(".")[0]), (0, "")) if counts else (0, "")
-    start = _date(first)
-    if not rate and start is None:
+    start, (whole, part) = _date(first), _count(first)
+    # a controller's or an Arduino's counter of 10 digits is in us: its rows are not seconds apart
+    slow = rate == 1 and len(records) > 2 and _count(records[2][1][place].replace(mark, "."))[0] - whole > SLOWEST
+    if slow or (not rate and start is None):
         return records
     words = f"in {of} since 1970" if rate else "dates"
     remarks.append(f"{records[0][0].rpartition(':')[0]}: times are {words}; they count from the first row here")
-    whole, part = _count(first)
     kept = [(records[0][0], [*header[:place], "time [s]", *header[place + 1 :]])]
     for where, cells in records[1:]:
-        if len(cells) > place:
-            date = None if rate else _date(cells[place])
-            if rate and re.fullmatch(r"\d+(?:\.\d+)?", cells[place]):
-                own = _count(cells[place])
-                cells = [*cells[:place], repr(((own[0] - whole) + (own[1] - part)) / rate), *cells[place + 1 :]]
-            elif start is not None and date is not None:
-                cells = [*cells[:place], repr((date - start).total_seconds()), *cells[place + 1 :]]
-        kept.append((where, cells))
+        text, seconds = cells[place].replace(mark, ".") if len(cells) > place else "", None
+        if rate and re.fullmatch(r"\d+(?:\.\d+)?", text):
+            own = _count(text)
+            seconds = ((own[0] - whole) + (own[1] - part)) / rate
+        elif start is not None and (date := _date(text)) is not None:
+            seconds = (date - start).total_seconds()
+        written = cells if seconds is None else [*cells[:place], repr(seconds).replace(".", mark), *cells[place + 1 :]]
+        kept.append((where, written))
     return kept
 
 

@@ -111,6 +111,7 @@ def parse_series(
     findings += [*faults, *counted(misfits)]
     places = {rule.name: header.names.index(rule.name) for rule in wanted if rule.name in header.units}
     own = [place for name, place in places.items() if name != TIME]
+    before = len(rows_read)
     rows_read = [row for row in rows_read if not own or any(row[1][p].lower() not in ("", "nan") for p in own)]
     decimal = decimal_mark(delimiter, (cells[place] for _, cells in rows_read for place in places.values()))
     read = dict[str, np.ndarray]()
@@ -122,7 +123,7 @@ def parse_series(
     sha256, where = hashlib.sha256(data).hexdigest(), tuple(row for row, _ in rows_read)
     series = Series(file, sha256, header, where, read, at_fault, tuple(remarks))
     findings += counted(_time_problems(series))
-    given = len(records) - 1
+    given = len(records) - 1 - (before - len(rows_read))
     if given < rows:
         got = f"{given} row{'s' if given > 1 else ''}"
         findings.append(Problem(file, got, f"at least {rows}", "give a longer recording"))

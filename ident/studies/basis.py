@@ -1,5 +1,6 @@
 """The basis of a simulation in words: motion, fitted and set values, assumed numbers."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
@@ -10,6 +11,7 @@ from ident.arm.multibody import exciting_orders, has_transmission_error
 from ident.report.report import Finding, Section, cut
 from ident.report.words import MM, arc_seconds, counted, degrees, sentence, unit_of
 from ident.text import as_word
+from ident.vibrate.replay import noise_of
 
 if TYPE_CHECKING:
     from ident.identify.values import Values
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+EXCITING = 0.02
+"""Acceleration that the noise of a path commands, relative to the motion's, from which it is a finding; assumed."""
 GUESSED = ("assumed", "calibrated")
 """Origins of numbers that were not measured: assumed, or tuned to a result."""
 PARTS = {
@@ -95,7 +99,12 @@ def _excitation(basis: "Basis", *, varied: bool) -> Iterator[str]:
 
 
 def basis_findings(basis: "Basis") -> Iterator[Finding]:
-    """Yield doubts about a simulation: an arm without drives, wrong belts, contradictory values."""
+    """Yield doubts about a simulation: a noisy path, an arm without drives, wrong belts, contradictory values."""
+    if basis.log is not None:
+        noise, share = noise_of(basis.motion, basis.percent / 100 / basis.log.interval)
+        if share > EXCITING:
+            text = f"the path's noise of {math.degrees(noise):.1g} deg commands {100 * share:.0f} % of its acceleration"
+            yield Finding(f"{text}, and so excites the arm", f"--smoothing {math.degrees(1.5 * noise):.1g}")
     if not basis.arm.drives:
         yield Finding("the arm file has no [[drive]]: only the motion itself excites the arm", "add its drives")
     yield from (Finding(str(mismatch)) for mismatch in belt_mismatches(basis.arm))

@@ -20,7 +20,7 @@ from scipy.signal import butter, fftconvolve, sosfiltfilt
 
 from ident.arm.arm import Arm
 from ident.arm.multibody import possible_orders
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.vibrate.hypotheses import TRACKS
 from ident.vibrate.unit_response import Response, Run, unit_response
 
@@ -38,6 +38,8 @@ RATE_SD = 1e-3
 """Standard deviation of a clock's relative rate: cheap ones differ by some 1e-4 from a controller's; assumed."""
 EDGE = 1.0
 """Time [s] at both ends of a record that is left out: a vibration cut there leaves a step behind the filters."""
+SHORTEST = 2.0
+"""Least length [s] of a record whose clock is found; assumed."""
 SETTLING = 2.0
 """Time [s] before and after a record within which its filters see the motion."""
 NUDGE = 1e-3
@@ -172,6 +174,8 @@ def _bands(response: Response, sensor: int, time: np.ndarray, values: np.ndarray
     rate = (len(time) - 1) / float(time[-1] - time[0])
     thin, edge = max(1, int(rate / COARSE)), min(round(EDGE * rate), len(time) // 8)
     inside = slice(edge, len(time) - edge)
+    got, remedy = f"{len(time) / rate:.3g} s of record", "record the whole motion"
+    require(len(time) >= SHORTEST * rate, "", got, f"at least {SHORTEST:g} s to find its clock", remedy)
     for profile in (True, False) if response.run.sensors[sensor].derivative == 2 else (False,):
         edges = SPLIT if profile else (SPLIT, min(UPPER, 0.4 * rate))
         filter = butter(4, edges, "lowpass" if profile else "bandpass", fs=rate, output="sos")

@@ -72,6 +72,28 @@ def replay(
     return motion
 
 
+def noise_of(motion: Motion, rate: float) -> tuple[float, float]:
+    """Return the rms noise [rad] of a motion's angles, and the acceleration that it commands relative to the motion's.
+
+    Noise of independent samples has fourth differences of 70 times its variance, in which a smooth motion hardly
+    shows. Below f = `QUICKEST` its acceleration has the variance 2 h (2 pi)^4 f^5 / 5 times that, with h = 1 / rate.
+
+    Args:
+        motion: through the samples of a log.
+        rate: [Hz] of the log; below twice `QUICKEST` nothing is found.
+    """
+    times = np.arange(float(motion.breaks[0]), motion.arrival, 1 / rate)
+    wide = round(rate / (2 * math.pi))
+    if rate < 2 * QUICKEST or len(times) < 4 * wide:
+        return 0.0, 0.0
+    angles = np.asarray(motion(times)[0])
+    fourth = np.sort(np.diff(angles, 4) ** 2, axis=1)[:, : int(KEPT * len(times))]  # without corners of the path
+    noise = np.sqrt(fourth.mean(1) / 70)
+    own = np.diff(angles[:, ::wide], 2).std(1) * (rate / wide) ** 2
+    commanded = noise * math.sqrt(2 / rate * (2 * math.pi) ** 4 * QUICKEST**5 / 5)
+    return float(noise.max()), float((commanded / np.maximum(own.max(), np.finfo(float).tiny)).max())
+
+
 def _refuse_rough(arm: Arm, motion: Motion, time: np.ndarray, angles: np.ndarray, smoothing: float) -> None:
     """Refuse a motion with an acceleration impossible for a joint."""
     check_joints(arm, motion)
@@ -91,6 +113,10 @@ def _refuse_rough(arm: Arm, motion: Motion, time: np.ndarray, angles: np.ndarray
     raise refusal(motion.name, got, f"at most {most[joint, 0]:.3g} rad/s^2", remedy)
 
 
+QUICKEST = 25.0
+"""Frequency [Hz] below which a path excites vibration; assumed."""
+KEPT = 0.98
+"""Share of a path that counts for its noise; assumed."""
 Ends = tuple[bool, bool]
 """Whether the data are at rest at the start and at the end."""
 

@@ -107,9 +107,7 @@ def test_what_is_wrong_is_said(tmp_path, pairs, expected):
 
 def test_a_file_of_correlations_beside_a_campaign_without_groups_is_refused(tmp_path):
     rows = "\n".join(line.rpartition(",")[0] for line in ROWS.splitlines())
-    with pytest.raises(
-        InputError, match=r"got correlations, but no row has a group, expected rows of c\.csv"
-    ):
+    with pytest.raises(InputError, match=r"got correlations, but no row has a group, expected rows of c\.csv"):
         read_campaign(written(tmp_path, rows + "\n"))
 
 

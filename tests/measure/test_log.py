@@ -126,7 +126,7 @@ BAD_HEADERS = [
     ("time [deg],joint1 [deg],joint2 [rad]",
      "log.csv:1, time: got 'deg', expected a time unit such as s or ms; correct the unit"),
     ("u [s],joint1 [deg],joint2 [rad]", "log.csv:1, time: got no such column, expected a column 'time [s]'; "
-     "add the column"),
+     "say which of u [s] it is (`columns`)"),
     ("tim [s],joint1 [deg],joint2 [rad]", "log.csv:1, time: got no such column, expected a column 'time [s]'; "
      "rename tim"),
     ("time [s],joint1,joint2 [rad]", f"log.csv:1, joint1: got no unit, {NO_UNIT}"),
@@ -140,7 +140,7 @@ BAD_HEADERS = [
     ("time [s],jiont1 [deg],joint2 [rad]", "log.csv:1, joint1: got no such column, expected a column 'joint1 [deg]'; "
      "rename jiont1"),
     ("time [s],elbow [deg],joint2 [rad]", "log.csv:1, joint1: got no such column, expected a column 'joint1 [deg]'; "
-     "add the column"),
+     "say which of elbow [deg] it is (`columns`)"),
     ("time [s],joint2 [deg],joint2 [rad],joint1 [deg]", "log.csv:1, joint2: got the column twice, expected it once; "
      "remove or rename one"),
 ]  # fmt: skip

@@ -86,6 +86,39 @@ def test_a_trace_is_read_as_it_was_written(tmp_path, name):
     assert channels[0].step == pytest.approx(1 / RATE, rel=1e-9)
 
 
+ISO = logger(lambda date: date.isoformat(timespec="milliseconds"))
+ODD = {
+    "decimal commas and dates": ISO.replace("12;;", "12").replace(".", ","),
+    "a comment at the end": TRACES["slash"] + "# end",
+    "a unit that is none": ISO.replace("Timestamp;", "No;Timestamp;")
+    .replace(";m/s²;m", "-;;m/s²;m", 1)
+    .replace("\n2026", "\n1;2026"),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_everyday_tables_are_read(tmp_path, name):
+    (tmp_path / "file.csv").write_text(ODD[name], encoding="utf-8")
+    trace = read_trace(tmp_path / "file.csv")
+    np.testing.assert_allclose(trace.time - trace.time[0], NUMBER / RATE, rtol=0, atol=1e-9)
+    np.testing.assert_allclose([*trace.values.values()], [X, Y, Z], rtol=1e-12)
+
+
+def test_a_counter_of_ten_digits_is_no_date(tmp_path):
+    rows_of = "".join(f"{1_020_000_000 + 5_000 * k},{x:.6f}\n" for k, x in enumerate(X))
+    (tmp_path / "file.csv").write_text("time,x [m/s^2]\n" + rows_of)
+    with pytest.raises(InputError, match="time: got no unit"):
+        read_trace(tmp_path / "file.csv")
+    assert read_trace(tmp_path / "file.csv", {"time": "time [us]"}).interval == pytest.approx(0.005)
+
+
+def test_rows_without_a_value_do_not_count(tmp_path):
+    lines = [f"{k / RATE},{x if k < 10 else 'nan'}" for k, x in enumerate(X)]
+    (tmp_path / "file.csv").write_text("time [s],x [m/s^2]\n" + "\n".join(lines) + "\n")
+    with pytest.raises(InputError, match="got 10 rows, expected at least 16"):
+        read_trace(tmp_path / "file.csv")
+
+
 @pytest.mark.parametrize("delimiter", [" ", ",", "\t"])
 def test_a_controllers_log_is_read_by_its_convention(tmp_path, delimiter):
     (tmp_path / "log.txt").write_text(rtde(delimiter))

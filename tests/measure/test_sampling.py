@@ -106,3 +106,23 @@ def test_times_that_wander_too_far_are_refused_with_the_bound():
 def test_steps_of_an_encoder_are_not_held_values(digits):
     time = np.arange(0, 12, 0.002)
     assert held_rows(np.round(40 * np.sin(0.3 * time), digits)[None]) is None
+
+
+@pytest.mark.parametrize("rate", [400, 700, 950])
+def test_stamps_rounded_to_their_last_digit_are_even(rate):
+    true = np.arange(0, 4, 1 / rate)
+    values = np.sin(2 * np.pi * 150 * true)[None]
+    even = evened(np.round(true, 3), values, "x.csv")
+    time = even.start + even.step * np.arange(even.values.shape[1])
+    np.testing.assert_allclose(time, true, atol=1e-3)
+    np.testing.assert_array_equal(even.values, values, "nothing is resampled")
+
+
+def test_single_late_stamps_cost_nothing_and_bursts_are_counted():
+    true = np.arange(0, 20, 0.005)
+    values = np.sin(2 * np.pi * 4 * true)[None]
+    late = true + 0.003 * np.isin(np.arange(len(true)), [500, 1500, 3000])
+    for stamps in (late, 0.04 * (np.arange(len(true)) // 8 + 1) + 1e-4 * (np.arange(len(true)) % 8)):
+        even = evened(stamps, values, "x.csv")
+        assert even.values.shape == values.shape
+        assert even.step == pytest.approx(0.005, rel=1e-3)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.errors import InputError
-from ident.vibrate.replay import MOST_KNOTS, replay
+from ident.vibrate.replay import MOST_KNOTS, noise_of, replay
 
 NOISE = 1e-5
 
@@ -174,3 +174,21 @@ FOUR = np.arange(4.0)
 )
 def test_a_log_that_cannot_be(time, angles, smoothing, text):
     assert problem(time, angles, smoothing=smoothing) == text
+
+
+@pytest.mark.parametrize(("sd", "digits"), [(1e-5, 12), (0.0, 5), (0.0, 12)])
+def test_the_noise_of_a_path_is_told_from_its_motion(sd, digits):
+    """White noise by its standard deviation, rounding by its step over the root of twelve; a smooth path has none."""
+    time = np.arange(0, 20, 0.008)
+    share = time / 20 - np.sin(2 * np.pi * time / 20) / (2 * np.pi)
+    angles = np.outer([1.0, -2.0], share) + sd * np.random.default_rng(0).standard_normal((2, len(time)))
+    motion = replay(time, np.round(angles, digits))
+    noise, commanded = noise_of(motion, 125.0)
+    true = np.hypot(sd, 10.0**-digits / np.sqrt(12))
+    assert noise == pytest.approx(true, rel=0.1, abs=1e-10)
+    # its acceleration up to 25 Hz, of a sine by sine: variance h/pi times the integral of omega^4
+    wanted = true * np.sqrt(0.008 / np.pi * (2 * np.pi * 25) ** 5 / 5)
+    own = np.diff(angles[1, ::20], 2).std() / 0.16**2
+    assert commanded == pytest.approx(wanted / own, rel=0.2, abs=1e-4)
+    smoothed = replay(time, np.round(angles, digits), smoothing=1.5 * max(true, 1e-6))
+    assert noise_of(smoothed, 125.0)[1] < 0.02

@@ -91,6 +91,14 @@ def evened(time: np.ndarray, values: np.ndarray, file: str, column: str = "time"
     again, order = f"{time[late + 1]:.9g} s after {time[late]:.9g} s", "sort the rows or delete the repeated one"
     require(time[late + 1] > time[late], file, again, "times that increase", order, column)
     require(len(time) >= JUDGED_MIN, file, got, expected, remedy, column)
+    number, digit = np.arange(len(time)), last_digit(time)
+    step, start = np.polyfit(number, time, 1)
+    if abs(time - start - step * number).max() <= digit:  # no digit is nan
+        remarks.append(
+            f"{file}: times are rounded to {digit:g} s; even steps of {1e3 * step:.5g} ms were taken instead"
+        )
+        error = digit / np.sqrt(len(time)) / float(np.ptp(time))
+        return Even(float(start), float(step), values, tuple(remarks), error)
     part = _longest_part(time)
     if part != slice(0, len(time)):
         lost, (first, last) = 1 - (part.stop - part.start) / len(time), time[[part.start, part.stop - 1]]
@@ -153,12 +161,16 @@ def held_rows(values: np.ndarray) -> np.ndarray | None:
 
 def _longest_part(time: np.ndarray) -> slice:
     """Return the longest part without a gap, or a clock that drifts as where samples were lost."""
+    from scipy.ndimage import median_filter
+
     steps = np.diff(time)
     usual = float(np.median(steps))
+    if _in_bursts(steps):
+        return slice(0, len(time))
     off = steps / usual - np.maximum(np.rint(steps / usual), 1)
     spread = 1.4826 * float(np.median(abs(off - np.median(off))))
-    mean = np.convolve(np.pad(off, WINDOW // 2), np.ones(WINDOW) / WINDOW, "valid")[: len(steps)]
-    odd = (steps >= GAP * usual) | (abs(mean) > max(UNEVEN, 4 * spread / np.sqrt(WINDOW)))
+    drift = median_filter(off, WINDOW, mode="constant", cval=float(np.median(off)))  # single late stamps are none
+    odd = (steps >= GAP * usual) | (abs(drift) > max(UNEVEN, 6 * spread / np.sqrt(WINDOW)))
     ends = np.concatenate([[-1], np.flatnonzero(odd), [len(steps)]])
     longest = int(np.argmax(np.diff(ends)))
     return slice(int(ends[longest]) + 1, int(ends[longest + 1]) + 1)
@@ -170,9 +182,8 @@ def even_clock(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Samples are missing where steps are twice the usual ones; stamps in bursts can't tell, and count one by one.
     """
     steps = np.diff(time)
-    counts = np.rint(steps / np.median(steps))
-    bursts = counts.min() < 1 or len(counts) < (1 - LOST_MAX) * counts.sum()
-    number = np.append(0.0, np.cumsum(np.ones_like(counts) if bursts else counts))
+    counts = np.ones_like(steps) if _in_bursts(steps) else np.rint(steps / np.median(steps))
+    number = np.append(0.0, np.cumsum(counts))
     step, start = np.polyfit(number, time, 1)
     return number, start + step * number
 
@@ -186,7 +197,14 @@ def truer_times(time: np.ndarray, values: np.ndarray) -> np.ndarray | None:
         number = np.arange(len(time))
         return np.polyval(np.polyfit(number, time, 1), number)
     _, even = even_clock(time)
-    return even if believed_clock(time, even, values) == "even" else None
+    exact = abs(time - even).max() < UNEVEN**2 * steps.mean()
+    return even if not exact and believed_clock(time, even, values) == "even" else None
+
+
+def _in_bursts(steps: np.ndarray) -> bool:
+    """Whether stamps come in bursts, as packets arrive: most of the time lies between few of them."""
+    counts = np.rint(steps / np.median(steps))
+    return bool(counts.min() < 1 or len(counts) < (1 - LOST_MAX) * counts.sum())
 
 
 def believed_clock(time: np.ndarray, even: np.ndarray, values: np.ndarray) -> str:
@@ -196,6 +214,8 @@ def believed_clock(time: np.ndarray, even: np.ndarray, values: np.ndarray) -> st
     Stamps that wander off even ones, as the sum of independent errors of the intervals does, can only be true.
     """
     off = time - even
+    if off.std() < UNEVEN**2 * np.median(np.diff(time)):
+        return "even"
     if off.std() > max(1.5, WANDER * np.sqrt(len(off))) * np.diff(off).std() > 0:
         return "true"
     scaled = values / np.where(np.ptp(values, axis=1) > 0, np.ptp(values, axis=1), 1.0)[:, None]

@@ -180,6 +180,8 @@ def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
 
 
 def _log(arm: Arm, table: Runs, path: str) -> Log:
+    if path in table.logs:
+        return table.logs[path]
     return read_log(table.files[path].path, [joint.name for joint in arm.driven], table.columns)
 
 

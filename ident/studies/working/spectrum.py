@@ -263,13 +263,13 @@ def _modes(
         return None
     arm, load = arm_file.arm, Load.parse(options.load)
     joints = [joint.name for joint in arm.driven]
-    log = path or (_joint_path(trace, first, joints) if options.posture is None else None)
+    log = path or (_joint_path(trace, first, joints, options.columns) if options.posture is None else None)
     if log is not None:
         return marked_along(arm, log, (float(first.time[0]), float(first.time[-1])), load)
     return marked_at(arm, tuple(map(radians, options.posture or (0.0,) * len(joints))), load)
 
 
-def _joint_path(trace: "Trace | SimulateResult | str | Path", first: "Trace", joints: list[str]) -> "Log | None":
+def _joint_path(trace: "Given", first: "Trace", joints: list[str], columns: Mapping[str, str]) -> "Log | None":
     """Return the joint angles during a trace: from the simulation or the file; None for none."""
     from ident.measure import Log, Trace, read_log
 
@@ -281,4 +281,4 @@ def _joint_path(trace: "Trace | SimulateResult | str | Path", first: "Trace", jo
         angles = dict(zip(names, simulated.response.posture, strict=True))
         return Log("", "", trace.time, angles) if set(joints) <= set(angles) else None
     named = {column.partition(" [")[0] for column in first.ignored}
-    return read_log(trace, joints) if named.issuperset(joints) else None
+    return read_log(trace, joints, columns) if named.issuperset(joints) else None
