@@ -128,20 +128,20 @@ def test_the_check_sees_imports():
 
 
 REACHES = {
-    "predict": 15_900,
-    "fit": 24_100,
-    "simulate": 20_800,
-    "sample": 27_200,
-    "modal": 21_000,
-    "sweep": 20_900,
-    "motion": 24_300,
+    "predict": 16_800,
+    "fit": 24_200,
+    "simulate": 20_900,
+    "sample": 26_600,
+    "modal": 21_100,
+    "sweep": 21_000,
+    "motion": 24_400,
     "plan": 25_900,
-    "fleet": 29_300,
-    "source": 23_700,
-    "balance": 27_800,
+    "fleet": 29_400,
+    "source": 23_800,
+    "balance": 27_900,
     "joint": 14_700,
-    "triage": 23_500,
-    "diagnose": 49_000,
+    "triage": 23_600,
+    "diagnose": 48_700,
 }
 """Lines of the modules that a study can reach, with its report, figure, page and files: no more, rather less.
 

@@ -368,6 +368,9 @@ class Result(Reported):
         given = {name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words}
         texts = {name: ":".join(map("{:g}".format, x)) if name == "errors" and x else x for name, x in given.items()}
         filled += "".join(f" --{name} {text}" for name, text in texts.items() if text not in (None, "unknown"))
+        columns = getattr(options, "columns", {}) if moved or "{trace}" in words or "{runs}" in words else {}
+        pairs = [f"{own}={header.replace(' [', ':').removesuffix(']')}" for own, header in columns.items()]
+        filled += f" --columns {as_word(','.join(pairs))}" if pairs else ""
         changed = getattr(options, "set", {}) if moved else {}
         filled += "".join(f" --set {path}={value!r}" for path, value in changed.items())
         posed = any(getattr(options, name, None) for name in SAME_PROBLEM)
