@@ -99,7 +99,8 @@ def _grades(spectra: Spectra, most: int | None) -> Table:
     head = ("Channel", "unit", "rate [Hz]", "length [s]", "resolution [unit]", "clipped [samples]")
     forms = ("", "", ".4g", ".4g", ".2g", ".0f", ".2g", "")
     drawn = spectra.traces[spectra.name].values
-    note = "Without an anti-alias filter in the sensor, vibration above half the rate folds into the band."
+    note = "Without an anti-alias filter in the sensor, vibration above half the rate folds into the band. "
+    note += "A sensor is a load, which lowers frequencies: --load '0.2 kg @ tip' for a phone."
     other = [cut(grade.name, 24) for grade in spectra.grades if grade.name not in drawn]
     note += f" Not drawn, of another quantity or clock: {some(other)}." if other else ""
     note += f" {hidden} more with --details." if (hidden := len(spectra.grades) - len(rows)) else ""
