@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ident.errors import Problem, refuse
 from ident.measure.columns import Rule
-from ident.measure.recordings.sampling import held_rows, truer_times
+from ident.measure.recordings.sampling import GAP, UNEVEN, held_rows, truer_times
 from ident.measure.samples import NONE, Columns
 from ident.measure.series import TIME, Sampled, Series, parse_series
 from ident.measure.table import (
@@ -28,6 +28,8 @@ FARTHEST = 10 * 2 * math.pi
 """Angle [rad] beyond which a column marked rad must be in degrees."""
 RADIANS = ("rad", "radian", "radians")
 """Names of the radian; mrad and others are not mistaken for degrees."""
+BRIDGED = 0.01
+"""Motion across missing rows, as a share of a joint's range, from which the gap is noted; assumed."""
 WRAP_SPEED = 10.0
 """Joint speed [rad/s] above which a step of a whole turn is a wrap, if the rest of the step is slower; assumed."""
 
@@ -103,6 +105,12 @@ def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
         columns[TIME], off = even, abs(time - even).max()
         words = f"even steps of {1e3 * np.median(np.diff(even)):.4g} ms, which were taken instead"
         notes.append(f"{series.file}, {TIME}: up to {1e3 * off:.2g} ms off {words}")
+    usual = float(np.median(steps))
+    moved = np.max([abs(np.diff(columns[joint])) / max(np.ptp(columns[joint]), 1e-9) for joint in joints], axis=0)
+    gaps = np.flatnonzero((steps >= GAP * usual) & (moved > BRIDGED))
+    if len(gaps) and (abs(steps - usual) <= UNEVEN * usual).mean() > 0.9:
+        first = f"{time[gaps[0]]:.6g} to {time[gaps[0] + 1]:.6g} s"
+        notes.append(f"{series.file}: no row from {first} while the arm moves, {len(gaps)} such in all; bridged")
     largest = math.degrees(max(abs(series[joint]).max() for joint in joints))
     if 0 < largest <= 2 * np.pi and not any(series.header.units[joint].written in RADIANS for joint in joints):
         notes.append(f"{series.header.where}: no angle beyond {largest:.3g} deg; for radians write '{joints[0]} [rad]'")

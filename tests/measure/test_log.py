@@ -376,3 +376,9 @@ def test_small_degrees_are_asked_about():
     assert parse(written(EVEN, path_at(EVEN))).notes == ()
     assert parse(written(EVEN, np.radians(path_at(EVEN))).replace("[deg]", "[rad]")).notes == ()
     assert parse(written(EVEN, 0 * path_at(EVEN))).notes == ()
+
+
+def test_a_gap_while_the_arm_moves_is_noted():
+    kept = (EVEN < 5) | (EVEN > 6)
+    (note,) = parse(written(EVEN[kept], path_at(EVEN)[:, kept])).notes
+    assert note == "log.csv: no row from 4.992 to 6.008 s while the arm moves, 1 such in all; bridged"

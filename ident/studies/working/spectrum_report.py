@@ -23,6 +23,8 @@ STRONGEST = 2
 """Peaks of each direction on the first screen, for a single trace of at most `FEW` directions."""
 FEW, CHANNELS = 3, 6
 """Directions with room for two peaks on the first screen, and channels that it shows at most."""
+LOWEST_MODE = 2.0
+"""Frequency [Hz] that a recording must reach; assumed."""
 FAINT = 5.0
 """Height of a line, in standard errors, that the largest of thousands of bins of noise reaches."""
 
@@ -67,6 +69,9 @@ def _findings(spectra: Spectra) -> Iterator[Finding]:
     """Yield what spoils the numbers, then what a reader has made of the file."""
     if clipped := [cut(grade.name, 24) for grade in spectra.grades if grade.clipped > 0]:
         yield Finding(f"clipped, which adds lines: {some(clipped)}", "measure again with a larger range")
+    if slow := [grade for grade in spectra.grades if grade.band[1] < LOWEST_MODE]:
+        words = f"{cut(slow[0].name, 24)}: {slow[0].rate:.3g} samples a second are too few for any mode of an arm"
+        yield Finding(words, "check the unit of the times: --columns time=time:ms")
     for grade in [grade for grade in spectra.grades if grade.strongest > spectra.upto][:1]:
         words = f"{cut(grade.name, 24)}: the largest line is at {grade.strongest:.4g} Hz"
         yield Finding(words, f"--upto {1.5 * grade.strongest:.2g}")
