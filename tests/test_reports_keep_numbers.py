@@ -20,6 +20,13 @@ EXCEPTIONS = {
     },
     "fit": {"4.35": "chi-squared on 0 degrees of freedom, which tests nothing"},
     "resonance": dict.fromkeys(("25.8", "557", "6.33", "9.69"), "by the ratio of a light mode; now that of its pole"),
+    "spectrum": dict.fromkeys(
+        (
+            *("0.004984", "0.008394", "0.01319", "0.01364", "0.01408", "0.01711", "0.01932", "0.03128", "0.04254"),
+            *("0.05804", "0.06794", "0.06807", "4.171", "4.817", "6.550", "6.763", "6.886", "7.052", "7.337"),
+        ),
+        "of the largest bin; now of a line that is fitted in time, with its standard error",
+    ),
 }
 """Numbers that are gone, by command, each with its reason."""
 

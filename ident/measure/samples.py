@@ -259,7 +259,8 @@ def _since_start(records: list[Record], mark: str, remarks: list[str]) -> list[R
 def _count(text: str) -> tuple[int, float]:
     """Return whole and broken part of a number: a float has too few digits for both."""
     whole, _, part = text.partition(".")
-    return (int(whole), float(f"0.{part or 0}")) if whole.isdigit() else (0, 0.0)
+    digits = whole.isdecimal() and whole.isascii() and (part or "0").isdecimal() and part.isascii()
+    return (int(whole), float(f"0.{part or 0}")) if digits else (0, 0.0)
 
 
 def _date(text: str) -> datetime | None:

@@ -11,7 +11,6 @@ from ident.arm.multibody import exciting_orders, has_transmission_error
 from ident.report.report import Finding, Section, cut
 from ident.report.words import MM, arc_seconds, counted, degrees, sentence, unit_of
 from ident.text import as_word
-from ident.vibrate.replay import noise_of
 
 if TYPE_CHECKING:
     from ident.identify.values import Values
@@ -101,6 +100,8 @@ def _excitation(basis: "Basis", *, varied: bool) -> Iterator[str]:
 def basis_findings(basis: "Basis") -> Iterator[Finding]:
     """Yield doubts about a simulation: a noisy path, an arm without drives, wrong belts, contradictory values."""
     if basis.log is not None:
+        from ident.vibrate.replay import noise_of
+
         noise, share = noise_of(basis.motion, basis.percent / 100 / basis.log.interval)
         if share > EXCITING:
             text = f"the path's noise of {math.degrees(noise):.1g} deg commands {100 * share:.0f} % of its acceleration"

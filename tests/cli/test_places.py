@@ -31,6 +31,7 @@ FILES |= {"covariance": COVARIANCE_COLUMNS, "setups": SETUP_COLUMNS}
 NAMES = {name for kind in kinds() for each, spec in specs(kind) for name in (each.name, spec.argument)} | {*INPUTS}
 NAMES -= {""}
 BAD = {"load": "glas", "sigma": "-1", "drives": "of", "direction": "q", "speed": "-4", "retract": "2", "rate": "-1"}
+BAD |= {"point": "tipp", "frame": "world"}
 """What no column can hold, by the columns that share a name with an option of some command."""
 
 

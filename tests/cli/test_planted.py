@@ -98,7 +98,7 @@ def _named(node):
 
 READ = {"arm", "fit", "posterior", "path", "trace", "against", "runs", "channels", "measured"}
 WRITTEN_TO = {"out"}
-NAMES = {"load", "payload", "criterion"}
+NAMES = {"load", "payload", "criterion", "point"}
 """What `ident.toml` may set of flags with a path or free text: files that are read, the folder that is written to and
 that a line says, names of parts. Nothing else opens, writes or connects; a new flag of this kind is put here or into
 `ADDRESSES`."""
@@ -130,7 +130,9 @@ def test_what_a_result_has_recorded_connects_with_nobody(kind):
     """Of options with free text only names of parts are taken over: as an address each would be refused as such."""
     free = [each.name for each, spec in specs(kind) if each.type is str and not (spec.choices or spec.read)]
     texts = [name for name in free if name not in kind.refuses]
-    restored = kind.restored(kind().recorded() | dict.fromkeys(texts, "tcp://127.0.0.1:1"))
+    recorded = kind().recorded()
+    needed = {"tool": True} if "tool" in recorded else {}  # a point is that of the tool
+    restored = kind.restored(recorded | needed | dict.fromkeys(texts, "tcp://127.0.0.1:1"))
     assert {name for name in texts if getattr(restored, name)} <= NAMES
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import InputError, Problem, placed, refusal, refuse, require
 from ident.measure.recordings.recording import Channel, Contents, Shape, array_channels, response_and_part
-from ident.measure.recordings.sampling import Even, evened
+from ident.measure.recordings.sampling import JUDGED_MIN, Even, evened
 from ident.measure.samples import Columns, Samples, read_samples, split_header
 from ident.measure.table import (
     IS_NUMBER,
@@ -69,7 +69,7 @@ def _over_time(cells: list[tuple[str, str, np.ndarray]], time: np.ndarray, table
         try:
             even = evened(time[own], np.stack([cells[place][2][own] for place in places]), table.file)
         except InputError:
-            if own.all():
+            if own.all() or own.sum() >= JUDGED_MIN:
                 raise
             empty, remedy = int(np.argmin(own)), "fill the cell, or delete the rows up to it"
             raise refusal(table.records[1 + empty][0], "nothing", "a number", remedy, cells[places[0]][0]) from None
