@@ -3,11 +3,12 @@
 import inspect
 import re
 from collections.abc import Iterator
-from typing import Any
+from functools import partial
 
 from docutils import nodes
 from sphinx.application import Sphinx
 
+import ident
 from ident.studies.result import Alias
 
 
@@ -67,11 +68,13 @@ def aliases_once(app: Sphinx, what: str, name: str, thing: object, options: obje
     lines[:] = kept
 
 
-def inputs_alone(app: Sphinx, thing: Any, bound_method: bool) -> None:
+def inputs_alone(app: Sphinx) -> None:
     """Leave the options of a study out of its signature: the page of its command has them."""
-    if isinstance(getattr(thing, "__signature__", None), inspect.Signature) and hasattr(thing, "__wrapped__"):
-        own, shown = inspect.signature(thing.__wrapped__).parameters, thing.__signature__
-        thing.__signature__ = shown.replace(parameters=[each for name, each in shown.parameters.items() if name in own])
+    for thing in map(partial(getattr, ident), ident.__all__):
+        if isinstance(getattr(thing, "__signature__", None), inspect.Signature) and hasattr(thing, "__wrapped__"):
+            own, shown = inspect.signature(thing.__wrapped__).parameters, thing.__signature__
+            kept = [each for name, each in shown.parameters.items() if name in own]
+            thing.__signature__ = shown.replace(parameters=kept)
 
 
 def without_keywords(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
@@ -96,7 +99,7 @@ def dash(app: Sphinx, doctree: nodes.document) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Listen to autodoc, before napoleon does."""
-    app.connect("autodoc-before-process-signature", inputs_alone, priority=300)
+    app.connect("builder-inited", inputs_alone)
     app.connect("autodoc-process-docstring", without_keywords, priority=300)
     app.connect("autodoc-process-docstring", aliases_once, priority=300)
     app.connect("autodoc-process-docstring", mark_formulas, priority=400)
