@@ -1,6 +1,7 @@
 """`ident show` and `ident rerun`."""
 
 import json
+import re
 import shutil
 
 import pytest
@@ -39,7 +40,7 @@ def test_a_result_is_shown_as_it_was_printed_and_comes_out_again(run, tmp_path):
     assert "wrote new/table1.fit.json" in out
 
     text = (tmp_path / path).read_text()
-    value = text.split('"parameter": "joint2.k_tors", "value": ')[1].split(",")[0]
+    value = re.search(r'"parameter": "joint2.k_tors",\s*"value": ([^,]+),', text)[1]
     (tmp_path / path).write_text(text.replace(value, str(float(value) * 1.001)))
     code, out, _ = run("rerun", path)
     assert code == SHORT

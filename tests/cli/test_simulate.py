@@ -177,7 +177,7 @@ def test_an_arm_without_drives_is_shaken_by_its_motion_alone_along_a_logged_path
         (["--smoothing=0.1"], "--smoothing"),
         (["--path=far.csv"], "a motion beyond the joint limits: joint1 at 170"),
         (["--path=far.csv", "--retract"], "--retract"),
-        (["--trace=nan.csv"], "nan.csv:3, x: got 'nan'"),
+        (["--trace=nan.csv"], "nan.csv, time: got an interval of 2 s before sample 2"),
         (["--fit=nan.csv"], "nan.csv: got other contents"),
         (["--posterior=nan.csv"], "nan.csv: got other contents"),
         (["--posterior=useless.nc"], "useless.nc: got only discrepancy.deflection"),
