@@ -1,6 +1,5 @@
 """The grade of a channel by itself: rate, resolution, noise floor, clipping, and the band that can be trusted."""
 
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,10 +12,6 @@ SAMPLES_PER_PERIOD = 2.56
 """Sampling rate by the upper end of the band: the margin of a usual anti-alias filter."""
 PERIODS_MIN = 2.0
 """Periods within the recording at the lower end of the band."""
-LINEAR = re.compile(r"\blin[eé]a", re.IGNORECASE)
-"""Linear acceleration, from which a phone has taken gravity by a filter, in the languages of phyphox."""
-LINEAR_FROM = 1.0
-"""Frequency [Hz] from which such an acceleration is right; assumed."""
 STEPPED = 0.1
 """Largest deviation of a difference from a multiple of the resolution, relative to it, in 19 of 20 numbers."""
 

@@ -11,8 +11,8 @@ from jaxtyping import Float
 from ident.errors import Problem, refuse
 from ident.measure.columns import Rule
 from ident.measure.recordings.sampling import GAP, UNEVEN, held_rows, truer_times
-from ident.measure.samples import NONE, Columns
-from ident.measure.series import TIME, Sampled, Series, parse_series
+from ident.measure.samples import NONE, TIME, Columns
+from ident.measure.series import Sampled, Series, parse_series
 from ident.measure.table import (
     Findings,
     read_table,

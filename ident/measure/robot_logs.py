@@ -17,7 +17,6 @@ from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 from ident.errors import InputError, LackingError, NoChannelError, Problem, refusal, require
-from ident.measure.grade import LINEAR
 from ident.measure.table import csv_text
 from ident.text import FILES_MAX, LARGEST_SAMPLES, LARGEST_TEXT, decode, one_line
 
@@ -25,6 +24,12 @@ SQLITE, MCAP, ZIP = b"SQLite format 3\0", b"\x89MCAP0\r\n", b"PK\x03\x04"
 """First bytes of a file of each kind."""
 OFFICE = b"[Content_Types].xml"
 """Name of a part of every Excel sheet, which is a ZIP, too."""
+REMEDIES = {
+    SQLITE: "close the recorder before copying",
+    MCAP: "close the recorder before copying, or try `mcap recover`",
+    ZIP: "export it again",
+}
+"""What to do about a damaged one."""
 KINDS = {SQLITE: "a ROS 2 bag (.db3)", MCAP: "an MCAP file", ZIP: "a ZIP file of phyphox"}
 
 
@@ -54,10 +59,8 @@ def text_of(data: bytes, file: str) -> tuple[str, tuple[str, ...]]:
     except InputError:
         raise
     except Exception as error:  # sqlite3, mcap, rosbags and zipfile let errors of many kinds through
-        kind = next(kind for start, kind in KINDS.items() if data.startswith(start))
-        remedy = (
-            "export it again" if data.startswith(ZIP) else "close the recorder before copying, or try `mcap recover`"
-        )
+        start, kind = next(each for each in KINDS.items() if data.startswith(each[0]))
+        remedy = REMEDIES[start]
         got = f"a damaged or truncated file ({type(error).__name__}: {one_line(str(error))[:80]}".rstrip(": ") + ")"
         raise refusal(file, got, kind, remedy) from None
 
@@ -76,9 +79,9 @@ def _phone(data: bytes, file: str) -> tuple[str, tuple[str, ...]]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries, most = archive.infolist(), f"at most {FILES_MAX} of {LARGEST_SAMPLES / 1e6:.0f} MB together"
         size = sum(entry.file_size for entry in entries)
-        fine, got = (
-            size <= LARGEST_SAMPLES and len(entries) <= FILES_MAX,
+        got, fine = (
             f"{len(entries)} files of {size / 1e6:.0f} MB",
+            size <= LARGEST_SAMPLES and len(entries) <= FILES_MAX,
         )
         require(fine, file, got, most, remedy)
         for entry in entries:
@@ -95,9 +98,7 @@ def _phone(data: bytes, file: str) -> tuple[str, tuple[str, ...]]:
         raise NoChannelError(Problem(file, "a ZIP file without a CSV table", KINDS[ZIP], "export CSV from phyphox"))
     got = f"{len(tables)} tables, {len(names)} of them with accelerations: {', '.join(names or tables)}"
     require(len(names) == 1, file, got, "one table with accelerations", remedy)
-    read = f"{names[0]} of the ZIP is read" if len(tables) > 1 else ""
-    linear = "the phone has filtered linear acceleration: do not trust it below 1 Hz"
-    return tables[names[0]], tuple(filter(None, (read, linear if LINEAR.search(heads[names[0]]) else "")))
+    return tables[names[0]], (f"{names[0]} of the ZIP is read",) * (len(tables) > 1)
 
 
 # -------- Bag

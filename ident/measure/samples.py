@@ -7,11 +7,24 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
-from ident.measure.table import DELIMITERS, IS_NUMBER, Findings, Record, csv_line, decimal_mark, records_of, sheet_text
+from ident.measure.table import (
+    DELIMITERS,
+    IS_NUMBER,
+    Findings,
+    Record,
+    csv_line,
+    decimal_mark,
+    name_and_unit,
+    records_of,
+    sheet_text,
+)
 from ident.text import decode, one_line
 from ident.units import VOLTAGES, sensor_factor
 
+TIME = "time"
+"""Name of the column of times."""
 Columns = Mapping[str, str]
 """Headers by a file's own names of its columns, `{"actual_q_0": "joint1 [rad]"}`: what the option `columns` says."""
 NONE: Columns = MappingProxyType({})
@@ -23,11 +36,19 @@ CLOCK = re.compile(r"(?:elapsed )?(?:t|times?|time ?stamps?|zeit|seconds|sec|dat
 """Names of the column of times."""
 MEASURED = ("time", "angle", "length", "velocity", "acceleration", "force", "moment", "frequency")
 """Quantities by whose units a text in round brackets, or after a slash, is a unit."""
+LINEAR = re.compile(r"\blin[eé]a", re.IGNORECASE)
+"""Names of linear acceleration, from which a phone has taken gravity by a filter, in the languages of phyphox."""
+FILTERED_BELOW = 1.0
+"""Frequency [Hz] below which that filter has changed it; assumed."""
+FILTERED = f"the phone has filtered linear acceleration: do not trust it below {FILTERED_BELOW:g} Hz"
 NO_UNIT = ("", "-", "1", "%", "°C", "degC")
 """Cells in a row of units next to columns that have none that is known here."""
 LETTERS = "smgGNV°"
 """Units of one letter that a text in round brackets, or after a slash, may be."""
 _HEADED = re.compile(r"(?P<name>.*?\S)\s*(?:\((?P<round>.+)\)|/\s*\(?(?P<slash>[^()]+?)\)?)")
+SLOWEST = 10
+"""Longest step [s] of a recording whose times count seconds since 1970; assumed."""
+_COUNT = re.compile(r"([0-9]+)(\.[0-9]+)?")
 _SINCE_1970 = {10: (1, "s"), 13: (1_000, "ms"), 16: (1_000_000, "us"), 19: (1_000_000_000, "ns")}
 """Rate [1/s] and unit of numbers that count since 1970, by their digits: from 2001 to 2286."""
 
@@ -47,8 +68,6 @@ class Convention:
     units: Mapping[str, str]
 
 
-SLOWEST = 10
-"""Longest step [s] of a recording whose times count seconds since 1970; assumed."""
 CONVENTIONS = (
     Convention("Klipper", "accel_x", {"time": "s", "accel_[xyz]": "mm/s^2"}),
     Convention(
@@ -107,12 +126,11 @@ def read_samples(
         text = sheet_text(data, file)
     elif is_binary_log(data):
         text, said = text_of(data, file)
-        remarks += said
+        remarks += [f"{file}: {remark}" for remark in said]
     else:
         text = decode(data, file, by_instrument=by_instrument)
     text = _with_header_first(text, file, remarks)
-    is_column = lambda cell: bool(CLOCK.fullmatch(cell) or split_header(cell)[1])  # noqa: E731
-    file, delimiter, records = records_of(text, path, is_column, findings, *needed)
+    file, delimiter, records = records_of(text, path, _is_column, findings, *needed)
     if records:
         where, cells = records[0]
         records[0] = where, list(_spelled(cells, columns, file, remarks))
@@ -121,14 +139,16 @@ def read_samples(
     return Samples(file, delimiter, records, tuple(remarks))
 
 
+def _is_column(cell: str) -> bool:
+    return bool(CLOCK.fullmatch(cell) or split_header(cell)[1])
+
+
 def split_header(cell: str) -> tuple[str, str]:
     """Split `name [unit]`, `name (unit)` or `name/unit`; the unit may be empty."""
-    name, bracket, unit = cell.strip().partition("[")
-    if bracket:
-        return name.strip(), unit.removesuffix("]").strip()
-    found = _HEADED.fullmatch(name.strip())
-    unit = (found["round"] or found["slash"] or "").strip() if found else ""
-    return (found["name"], unit) if found and _is_unit(unit) else (name.strip(), "")
+    name, unit = name_and_unit(cell.strip())
+    found = _HEADED.fullmatch(name) if not unit else None
+    other = (found["round"] or found["slash"]).strip() if found else ""
+    return (found["name"], other) if found and _is_unit(other) else (name, unit)
 
 
 def _is_unit(text: str) -> bool:
@@ -141,45 +161,63 @@ def _is_unit(text: str) -> bool:
 # The header comes first, lines above it and a row of units become comments: the numbers of lines stay.
 
 
+class Head(NamedTuple):
+    """The header of a table, with the numbers of lines from 0.
+
+    Attributes:
+        place: its line.
+        cells: its names.
+        units: line of the row of units below it; None without one.
+        of_cells: the cells of that row.
+    """
+
+    place: int
+    cells: list[str]
+    units: int | None = None
+    of_cells: Sequence[str] = ()
+
+
 def _with_header_first(text: str, file: str, remarks: list[str]) -> str:
     """Return the text of a table whose first line without # is its header, if one can be told from its rows."""
     lines = text.splitlines(keepends=True)
-    places = [place for place, line in enumerate(lines[:HEAD_MAX]) if line.strip(DELIMITERS + " \r\n\"'")]
-    last = next((lines[place] for place in reversed(places) if not lines[place].lstrip().startswith(("#", "%"))), "")
-    delimiter = max((*DELIMITERS, " "), key=lambda mark: _numbers(_cells(last, mark)))
-    if len(places) < 2 or not (width := len(_cells(last, delimiter))):
+    filled = [place for place, line in enumerate(lines[:HEAD_MAX]) if line.strip(DELIMITERS + " \r\n\"'")]
+    row = next((lines[place] for place in reversed(filled) if not _is_comment(lines[place])), "")
+    delimiter = max((*DELIMITERS, " "), key=lambda mark: _numbers(_cells(row, mark)))
+    head = _head([(place, lines[place]) for place in filled], _cells(row, delimiter), delimiter)
+    if head is None:
         return text
-    header, units, count = None, None, _numbers(_cells(last, delimiter))
-    for place in reversed(places):
-        marked = lines[place].lstrip().startswith(("#", "%"))
-        cells = _cells(lines[place].lstrip(" \t#%") if marked else lines[place], delimiter)
-        plain = len(cells) == width and not _numbers(cells)
-        if header is not None:
-            if units is None and plain and _are_units(header[1]):
-                header, units = (place, cells), header
-            elif not marked and len(cells) == width and _numbers(cells) >= count:
-                return text  # rows on both sides: no header but a broken row
-        elif plain:
-            header = place, cells
-        elif not marked and len(cells) != width:
-            return text
-    if header is None:
-        return text
-    place, cells = header
-    above = [number for number in places if number < place and not lines[number].lstrip().startswith("#")]
-    if delimiter != " " and units is None and not above and not lines[place].lstrip().startswith(("#", "%")):
-        return text
-    if units is not None:
-        pairs = [(cell, unit.strip("[]()")) for cell, unit in zip(cells, units[1], strict=True)]
+    if above := [place for place in filled if place < head.place and not _is_comment(lines[place])]:
+        which = f"lines {above[0] + 1} to {above[-1] + 1}" if above[1:] else f"line {above[0] + 1}"
+        remarks.append(f"{file}: left out above the header: {which}")
+    cells, rows = head.cells, lines[head.place + 1 :]
+    if head.units is not None:
+        pairs = zip(cells, (unit.strip("[]()") for unit in head.of_cells), strict=True)
         cells = [cell if unit in NO_UNIT else f"{cell} [{unit}]" for cell, unit in pairs]
-    if above := [number for number in above if not lines[number].lstrip().startswith("%")]:
-        last = f" to {above[-1] + 1}" if above[1:] else ""
-        remarks.append(f"{file}: line{'s' * bool(above[1:])} {above[0] + 1}{last} above the header were not read")
-    tab = "\t" if delimiter == " " else delimiter
-    rows = lines[place + 1 :] if tab == delimiter else ["\t".join(line.split()) + "\n" for line in lines[place + 1 :]]
-    if units is not None:
-        rows[units[0] - place - 1] = "#\n"
-    return "".join(["#\n"] * place + [csv_line(cells, tab)] + rows)
+        rows[head.units - head.place - 1] = "#\n"
+    if delimiter == " ":  # several blanks in a row are one
+        delimiter, rows = "\t", ["\t".join(line.split()) + "\n" for line in rows]
+    return "".join(["#\n"] * head.place + [csv_line(cells, delimiter)] + rows)
+
+
+def _head(lines: Sequence[tuple[int, str]], row: Sequence[str], delimiter: str) -> Head | None:
+    """Return the last line of names above rows like one of the table; None where rows are on both sides of it."""
+    head, count = None, _numbers(row)
+    for place, line in reversed(lines if row else ()):
+        comment = _is_comment(line)
+        cells = _cells(line.lstrip(" \t#%") if comment else line, delimiter)
+        fits, numbers = len(cells) == len(row), _numbers(cells)
+        names = fits and not numbers
+        if head is not None and head.units is None and names and _are_units(head.cells):
+            head = Head(place, cells, head.place, head.cells)
+        elif head is None and names:
+            head = Head(place, cells)
+        elif not comment and (not fits if head is None else fits and numbers >= count):
+            return None  # no header, but a broken row
+    return head
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "%"))
 
 
 def _are_units(cells: Sequence[str]) -> bool:
@@ -189,9 +227,8 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _cells(line: str, delimiter: str) -> list[str]:
     try:
-        return [
-            cell.strip() for cell in next(csv.reader([line.strip(" \r\n")], delimiter=delimiter, skipinitialspace=True))
-        ]
+        cells = next(csv.reader([line.strip(" \r\n")], delimiter=delimiter, skipinitialspace=True))
+        return [cell.strip() for cell in cells]
     except (csv.Error, StopIteration):
         return []
 
@@ -218,8 +255,10 @@ def _spelled(cells: Sequence[str], columns: Columns, file: str, remarks: list[st
             taken.setdefault(own, []).append(name)
         name, unit = new or name, own or unit
         if CLOCK.fullmatch(name) and clocks == [name] and (unit or known):
-            name = "time"
+            name = TIME
         yield f"{name} [{unit}]" if unit else name
+    if any(LINEAR.search(name) and sensor_factor(unit, "acceleration") for name, unit in pairs):
+        remarks.append(f"{file}: {FILTERED}")
     if columns and not {*columns} & {*names, *cells}:
         remarks.append(f"{file}: has none of the columns {', '.join(columns)} that the option columns names")
     if known and taken:
@@ -229,38 +268,42 @@ def _spelled(cells: Sequence[str], columns: Columns, file: str, remarks: list[st
 
 def _since_start(records: list[Record], mark: str, remarks: list[str]) -> list[Record]:
     """Return records with dates, and counts since 1970, as seconds since the first row."""
-    header = records[0][1]
+    (where, header), rows = records[0], records[1:]
     place = next((i for i, cell in enumerate(header) if CLOCK.fullmatch(split_header(cell)[0])), None)
-    if place is None or len(records) < 2 or len(records[1][1]) <= place:
+    times = [] if place is None else [cells[place].replace(mark, ".") for _, cells in rows if len(cells) > place]
+    if not times or place is None:
         return records
-    first, unit = records[1][1][place].replace(mark, "."), split_header(header[place])[1]
-    counts = not unit and re.fullmatch(r"\d+(?:\.\d+)?", first)
-    rate, of = _SINCE_1970.get(len(first.partition(".")[0]), (0, "")) if counts else (0, "")
-    start, (whole, part) = _date(first), _count(first)
-    # a controller's or an Arduino's counter of 10 digits is in us: its rows are not seconds apart
-    slow = rate == 1 and len(records) > 2 and _count(records[2][1][place].replace(mark, "."))[0] - whole > SLOWEST
-    if slow or (not rate and start is None):
+    date, (whole, part) = _date(times[0]), _count(times[0]) or (0, 0.0)
+    digits = len(times[0].partition(".")[0]) if _count(times[0]) and not split_header(header[place])[1] else 0
+    rate, unit = _SINCE_1970.get(digits, (0, ""))
+    second = _count(times[1]) if times[1:] else None
+    # a counter of 10 digits may as well be one of microseconds: its rows are not seconds apart
+    counter = rate == 1 and second is not None and second[0] - whole > SLOWEST
+    if counter or (not rate and date is None):
         return records
-    words = f"in {of} since 1970" if rate else "dates"
-    remarks.append(f"{records[0][0].rpartition(':')[0]}: times are {words}; they count from the first row here")
-    kept = [(records[0][0], [*header[:place], "time [s]", *header[place + 1 :]])]
-    for where, cells in records[1:]:
-        text, seconds = cells[place].replace(mark, ".") if len(cells) > place else "", None
-        if rate and re.fullmatch(r"\d+(?:\.\d+)?", text):
+
+    def seconds(text: str) -> float | None:
+        if rate:
             own = _count(text)
-            seconds = ((own[0] - whole) + (own[1] - part)) / rate
-        elif start is not None and (date := _date(text)) is not None:
-            seconds = (date - start).total_seconds()
-        written = cells if seconds is None else [*cells[:place], repr(seconds).replace(".", mark), *cells[place + 1 :]]
-        kept.append((where, written))
-    return kept
+            return None if own is None else ((own[0] - whole) + (own[1] - part)) / rate
+        own_date = _date(text)
+        return None if own_date is None or date is None else (own_date - date).total_seconds()
+
+    words = f"in {unit} since 1970" if rate else "dates"
+    remarks.append(f"{where.rpartition(':')[0]}: times are {words}; they count from the first row here")
+    made = [(where, [*header[:place], f"{TIME} [s]", *header[place + 1 :]])]
+    for at, cells in rows:
+        passed = seconds(cells[place].replace(mark, ".")) if len(cells) > place else None
+        if passed is not None:
+            cells = [*cells[:place], repr(passed).replace(".", mark), *cells[place + 1 :]]
+        made.append((at, cells))
+    return made
 
 
-def _count(text: str) -> tuple[int, float]:
-    """Return whole and broken part of a number: a float has too few digits for both."""
-    whole, _, part = text.partition(".")
-    digits = whole.isdecimal() and whole.isascii() and (part or "0").isdecimal() and part.isascii()
-    return (int(whole), float(f"0.{part or 0}")) if digits else (0, 0.0)
+def _count(text: str) -> tuple[int, float] | None:
+    """Return whole and broken part of a plain number, as a float has too few digits for both; None for another."""
+    found = _COUNT.fullmatch(text)
+    return (int(found[1]), float(f"0{found[2] or ''}")) if found else None
 
 
 def _date(text: str) -> datetime | None:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ident.errors import Problem, refusal
 from ident.measure.columns import Header, Rule, read_header
-from ident.measure.samples import NONE, Columns, read_samples
+from ident.measure.samples import NONE, TIME, Columns, read_samples
 from ident.measure.table import (
     Findings,
     Record,
@@ -23,9 +23,6 @@ from ident.measure.table import (
 )
 from ident.text import by_key, quoted
 from ident.units import sensor_factor
-
-TIME = "time"
-"""Name of the column that every such file has."""
 
 ROWS_NAMED = 4
 """Further rows with the same mistake that are named."""

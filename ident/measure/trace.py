@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from ident.errors import InputError, Problem, refuse
 from ident.measure.columns import EXAMPLES, Rule
-from ident.measure.grade import LINEAR, LINEAR_FROM, Grade, grade
+from ident.measure.grade import Grade, grade
 from ident.measure.recordings.sampling import Even, evened
-from ident.measure.samples import NONE, Columns
-from ident.measure.series import TIME, Sampled, Series, parse_series
+from ident.measure.samples import FILTERED, FILTERED_BELOW, NONE, TIME, Columns
+from ident.measure.series import Sampled, Series, parse_series
 from ident.measure.table import (
     Findings,
     read_table,
@@ -53,7 +53,7 @@ class Trace(Sampled):
     @property
     def grades(self) -> tuple[Grade, ...]:
         """What each direction is worth by itself."""
-        band = LINEAR_FROM if LINEAR.search(" ".join([*self.notes, *self.values])) else 0.0, self.band
+        band = FILTERED_BELOW if any(FILTERED in note for note in self.notes) else 0.0, self.band
         return tuple(grade(name, self.kind, values, self.interval, band) for name, values in self.values.items())
 
 

@@ -367,7 +367,7 @@ def test_lines_above_a_header_are_left_out(tmp_path, text, above):
     (channel,) = read_recording(tmp_path / "a.csv").channels
     assert (channel.name, channel.unit, channel.step) == ("a", "N", 1.0)
     np.testing.assert_array_equal(channel.values, [[1, 2]])
-    assert channel.remarks == (f"{tmp_path}/a.csv: {above} above the header were not read",)
+    assert channel.remarks == (f"{tmp_path}/a.csv: left out above the header: {above}",)
 
 
 def test_a_broken_row_is_no_header(tmp_path):

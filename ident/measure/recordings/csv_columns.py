@@ -10,7 +10,7 @@ import numpy as np
 from ident.errors import InputError, Problem, placed, refusal, refuse, require
 from ident.measure.recordings.recording import Channel, Contents, Shape, array_channels, response_and_part
 from ident.measure.recordings.sampling import JUDGED_MIN, Even, evened
-from ident.measure.samples import Columns, Samples, read_samples, split_header
+from ident.measure.samples import TIME, Columns, Samples, read_samples, split_header
 from ident.measure.table import (
     IS_NUMBER,
     Findings,
@@ -23,7 +23,6 @@ from ident.measure.table import (
 from ident.text import by_key, one_line, quoted
 from ident.units import si_factor
 
-TIME = "time"
 MODE = frozenset({"frequency", "damping_ratio"})
 """Columns that identify a table of finished modes."""
 SIGMA, IMAGINARY = "sigma ", "imag "

@@ -7,6 +7,7 @@ import numpy as np
 
 from ident.errors import require
 from ident.measure.grade import clipped
+from ident.measure.samples import TIME
 
 UNEVEN = 0.01
 """Largest deviation of a sampling interval from the mean one, as a fraction of it."""
@@ -27,9 +28,14 @@ JITTER_MAX = 0.3
 LOST_MAX = 0.5
 """Largest share of a recording that may be cut off at gaps; assumed."""
 WINDOW = 50
-"""Intervals whose mean tells a clock that drifts, as at lost samples, from one that jitters; assumed."""
+"""Intervals whose median tells a clock that drifts, as at lost samples, from one that jitters; assumed."""
+DRIFT_SE = 6.0
+"""Such a median from which it is a drift, in standard errors of a mean: 4.8 of its own; assumed."""
 WANDER = 0.13
-"""Rms of a sum of N errors about its trend, over that of one and the root of N: half of the mean, 1 / sqrt(15)."""
+"""Rms of a random walk of N steps about its trend, over sqrt(N) steps: half of its mean, 1 / sqrt(15)."""
+WANDER_MIN = 1.5
+"""Rms about the trend, over that of the steps, from which it may be a walk; independent errors have 1 / sqrt(2);
+assumed."""
 ERROR_MAX = 0.01
 """Error of an amplitude at the upper end of the band that a resampled recording can be trusted in."""
 CHUNK = 2048
@@ -61,7 +67,7 @@ class Even:
     band: float = np.inf
 
 
-def evened(time: np.ndarray, values: np.ndarray, file: str, column: str = "time") -> Even:
+def evened(time: np.ndarray, values: np.ndarray, file: str) -> Even:
     """Return channels at even times, from the longest part without a gap.
 
     Two clocks are told apart. Where the sampling was even and the stamps jitter, as times of arrival do, the time is
@@ -73,7 +79,6 @@ def evened(time: np.ndarray, values: np.ndarray, file: str, column: str = "time"
         time: (T,) [s] stamps.
         values: (C, T) of channels.
         file: for messages.
-        column: of the times, for messages.
 
     Raises:
         InputError: times that are no numbers or do not increase, or too irregular.
@@ -84,33 +89,32 @@ def evened(time: np.ndarray, values: np.ndarray, file: str, column: str = "time"
         rate = 1 / float(np.median(np.diff(time[rows])))
         remarks.append(f"{file}: values repeat, {len(time) / len(rows):.3g} rows each; read at their own {rate:.4g} Hz")
         time, values = time[rows], values[:, rows]
-    if (step := steady_step(time, file, column)) is not None:
+    if (step := steady_step(time, file)) is not None:
         return Even(float(time[0]), step, values, tuple(remarks))
     got, expected, remedy = _oddest(time)
     late = int(np.argmin(np.diff(time)))
     again, order = f"{time[late + 1]:.9g} s after {time[late]:.9g} s", "sort the rows or delete the repeated one"
-    require(time[late + 1] > time[late], file, again, "times that increase", order, column)
-    require(len(time) >= JUDGED_MIN, file, got, expected, remedy, column)
-    number, digit = np.arange(len(time)), last_digit(time)
-    step, start = np.polyfit(number, time, 1)
-    if abs(time - start - step * number).max() <= digit:  # no digit is nan
-        remarks.append(
-            f"{file}: times are rounded to {digit:g} s; even steps of {1e3 * step:.5g} ms were taken instead"
-        )
-        error = digit / np.sqrt(len(time)) / float(np.ptp(time))
-        return Even(float(start), float(step), values, tuple(remarks), error)
+    require(time[late + 1] > time[late], file, again, "times that increase", order, TIME)
+    require(len(time) >= JUDGED_MIN, file, got, expected, remedy, TIME)
+    if (even := _unrounded(time)) is not None:
+        digit, length = last_digit(time), float(np.ptp(even))
+        step = length / (len(time) - 1)
+        words = f"even steps of {1e3 * step:.5g} ms were taken instead"
+        remarks.append(f"{file}: times are rounded to {digit:g} s; {words}")
+        # slope of a line through N stamps, each off by digit / sqrt(12)
+        return Even(float(even[0]), step, values, tuple(remarks), digit / np.sqrt(len(time)) / length)
     part = _longest_part(time)
     if part != slice(0, len(time)):
         lost, (first, last) = 1 - (part.stop - part.start) / len(time), time[[part.start, part.stop - 1]]
         got = f"gaps and a drifting clock that leave {100 - 100 * lost:.0f} % of it in one piece"
-        require(lost <= LOST_MAX, file, got, f"at least {100 * LOST_MAX:.0f} %", remedy, column)
+        require(lost <= LOST_MAX, file, got, f"at least {100 * LOST_MAX:.0f} %", remedy, TIME)
         words = f"read from {first:.6g} to {last:.6g} s, the longest part without a gap or a drift of the clock"
         remarks.append(f"{file}: {words}; {100 * lost:.2g} % of the samples are left out")
         time, values = time[part], values[:, part]
-    return _resampled(time, values, file, column, remarks)
+    return _resampled(time, values, file, remarks)
 
 
-def _resampled(time: np.ndarray, values: np.ndarray, file: str, column: str, remarks: list[str]) -> Even:
+def _resampled(time: np.ndarray, values: np.ndarray, file: str, remarks: list[str]) -> Even:
     from scipy.interpolate import make_interp_spline
 
     number, fitted = even_clock(time)
@@ -119,7 +123,7 @@ def _resampled(time: np.ndarray, values: np.ndarray, file: str, column: str, rem
     rms = float(np.diff(time - fitted).std()) if believed == "true" else late
     got = f"{'steps' if believed == 'true' else 'times'} off even ones by {1e3 * rms:.3g} ms rms"
     expected, remedy = f"at most {1e3 * JITTER_MAX * step:.3g} ms", "let the sensor stamp the samples, or sample faster"
-    require(rms <= JITTER_MAX * step or believed == "even", file, got, expected, remedy, column)
+    require(rms <= JITTER_MAX * step or believed == "even", file, got, expected, remedy, TIME)
     error = late * np.sqrt(12 / len(time)) / float(fitted[-1] - fitted[0])
     if believed == "true":
         remarks.append(f"{file}: {got}; the times are taken as true, and the values were resampled")
@@ -170,7 +174,7 @@ def _longest_part(time: np.ndarray) -> slice:
     off = steps / usual - np.maximum(np.rint(steps / usual), 1)
     spread = 1.4826 * float(np.median(abs(off - np.median(off))))
     drift = median_filter(off, WINDOW, mode="constant", cval=float(np.median(off)))  # single late stamps are none
-    odd = (steps >= GAP * usual) | (abs(drift) > max(UNEVEN, 6 * spread / np.sqrt(WINDOW)))
+    odd = (steps >= GAP * usual) | (abs(drift) > max(UNEVEN, DRIFT_SE * spread / np.sqrt(WINDOW)))
     ends = np.concatenate([[-1], np.flatnonzero(odd), [len(steps)]])
     longest = int(np.argmax(np.diff(ends)))
     return slice(int(ends[longest]) + 1, int(ends[longest + 1]) + 1)
@@ -193,12 +197,18 @@ def truer_times(time: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     steps = np.diff(time)
     if len(time) < JUDGED_MIN or not (steps > 0).all() or abs(steps - steps.mean()).max() <= UNEVEN * steps.mean():
         return None
-    if rounded_step(time, last_digit(time) + 4 * float(np.spacing(abs(time).max()))) is not None:
-        number = np.arange(len(time))
-        return np.polyval(np.polyfit(number, time, 1), number)
+    if (unrounded := _unrounded(time)) is not None:
+        return unrounded
     _, even = even_clock(time)
     exact = abs(time - even).max() < UNEVEN**2 * steps.mean()
     return even if not exact and believed_clock(time, even, values) == "even" else None
+
+
+def _unrounded(time: np.ndarray) -> np.ndarray | None:
+    """Return even times (T,) [s] to which stamps are rounded, however coarsely; None where they are no such ones."""
+    number = np.arange(len(time))
+    even = np.polyval(np.polyfit(number, time, 1), number)
+    return even if abs(time - even).max() <= last_digit(time) else None  # False for no digit, nan
 
 
 def _in_bursts(steps: np.ndarray) -> bool:
@@ -216,7 +226,7 @@ def believed_clock(time: np.ndarray, even: np.ndarray, values: np.ndarray) -> st
     off = time - even
     if off.std() < UNEVEN**2 * np.median(np.diff(time)):
         return "even"
-    if off.std() > max(1.5, WANDER * np.sqrt(len(off))) * np.diff(off).std() > 0:
+    if off.std() > max(WANDER_MIN, WANDER * np.sqrt(len(off))) * np.diff(off).std() > 0:
         return "true"
     scaled = values / np.where(np.ptp(values, axis=1) > 0, np.ptp(values, axis=1), 1.0)[:, None]
     true_one, even_one = (_roughness(t, scaled) for t in (time, even))
