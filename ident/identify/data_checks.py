@@ -13,25 +13,16 @@ from jaxtyping import Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.fields import STIFFNESS
-from ident.arm.modes import (
-    parse_label,
-)
+from ident.arm.modes import parse_label
 from ident.arm.plausibility import oddities
 from ident.errors import ARM_FILE, InputError, ModelError, Problem, refusal
-from ident.identify.conditions import (
-    BY_MODE,
-    MOST_DAMPED,
-    bind,
-    loop_places,
-)
+from ident.identify.conditions import BY_MODE, MOST_DAMPED, bind, loop_places
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_matching import FAR
 from ident.identify.problem import Posed, labels_about
 from ident.inference.information import SUSPICIOUS, farthest
 from ident.inference.parameters import Parameters
-from ident.inference.problem import (
-    InverseProblem,
-)
+from ident.inference.problem import InverseProblem
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement
 from ident.measure.kinds import DIFFERENCES, KINDS, POSITIONS, SHAPES

@@ -10,25 +10,13 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.mechanics import static_equilibrium
-from ident.arm.modes import (
-    AMBIGUOUS,
-    Label,
-    is_ambiguous,
-    labels_of_shares,
-    modes_about,
-    torsion_share,
-    vertical_share,
-)
-from ident.identify.conditions import (
-    Conditions,
-)
+from ident.arm.modes import AMBIGUOUS, Label, is_ambiguous, labels_of_shares, modes_about, torsion_share, vertical_share
+from ident.identify.conditions import Conditions
 from ident.identify.mode_matching import NAMING_SD
 from ident.identify.padding import padded
 from ident.identify.predict import chains, mode_choice
 from ident.identify.problem import FREE, POINTS, Posed, labels_about
-from ident.inference.problem import (
-    InverseProblem,
-)
+from ident.inference.problem import InverseProblem
 from ident.programs import RUNS_ONCE, jit
 
 NEAR = 0.05

@@ -11,14 +11,7 @@ from jaxtyping import Float
 from ident.arm.arm import Arm
 from ident.errors import placed, refusal
 from ident.identify.binding import check_references
-from ident.identify.conditions import (
-    Conditions,
-    bind,
-    loop_names,
-    loop_parameters,
-    loop_places,
-    shared_error,
-)
+from ident.identify.conditions import Conditions, bind, loop_names, loop_parameters, loop_places, shared_error
 from ident.identify.predict import ArmModel, frames_of, setup_parameters, vectors_of
 from ident.identify.unknowns import (
     Unknowns,
@@ -30,13 +23,7 @@ from ident.identify.unknowns import (
 )
 from ident.inference.information import information
 from ident.inference.parameters import Parameters
-from ident.inference.problem import (
-    DISCREPANCY_PREFIX,
-    Discrepant,
-    InverseProblem,
-    correlation,
-    with_discrepancy,
-)
+from ident.inference.problem import DISCREPANCY_PREFIX, Discrepant, InverseProblem, correlation, with_discrepancy
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement
 from ident.text import one_line

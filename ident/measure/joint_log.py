@@ -73,7 +73,7 @@ def read_joint_log(path: str | Path, *, locked: bool = False, columns: Columns =
     refuse(findings)
     time, values, even = at_even_times(series, {rule.name: series[rule.name] for rule in rules if rule.name in series})
     own = {n: {c: values[f"{n}.{c}"] for c in CHANNELS if f"{n}.{c}" in values} for n in joints}
-    return JointLog(str(path), series.sha256, time, own, (*series.remarks, *even.remarks))
+    return JointLog(str(path), series.sha256, time, own, (*even.remarks, *series.remarks))
 
 
 def _motion_problems(series: Series, rule: Rule, locked: bool) -> Iterator[Problem]:

@@ -13,10 +13,7 @@ from ident.measure.columns import Rule
 from ident.measure.recordings.sampling import GAP, UNEVEN, held_rows, truer_times
 from ident.measure.samples import NONE, TIME, Columns
 from ident.measure.series import Sampled, Series, parse_series
-from ident.measure.table import (
-    Findings,
-    read_table,
-)
+from ident.measure.table import Findings, read_table
 from ident.text import LARGEST_SAMPLES
 
 FEWEST_ROWS = 4
@@ -30,6 +27,8 @@ RADIANS = ("rad", "radian", "radians")
 """Names of the radian; mrad and others are not mistaken for degrees."""
 BRIDGED = 0.01
 """Motion across missing rows, as a share of a joint's range, from which the gap is noted; assumed."""
+MOSTLY = 0.9
+"""Share of even steps from which a log is one with gaps, and no list of points; assumed."""
 WRAP_SPEED = 10.0
 """Joint speed [rad/s] above which a step of a whole turn is a wrap, if the rest of the step is slower; assumed."""
 
@@ -41,7 +40,7 @@ class Log(Sampled):
     Attributes:
         angles: (T,) [rad] by joint, in the requested order of the joints.
         ignored: names of further columns of the file, as in its header.
-        notes: repairs and possible errors.
+        notes: repairs, possible errors, and what was taken from a program's convention.
     """
 
     angles: Mapping[str, Float[np.ndarray, " T"]]
@@ -74,12 +73,12 @@ def parse_log(data: bytes, path: str | Path, joints: Sequence[str], columns: Col
         for number, joint in enumerate(joints)
     ]
     series = parse_series(data, path, rules, FEWEST_ROWS, findings, columns)
-    notes = list(series.remarks)
+    notes = list[str]()
     series = series if findings else _mended(series, joints, notes)
     findings += [problem for joint in joints for problem in _joint_problems(series, joint)]
     refuse(findings)
     angles = {joint: series[joint] for joint in joints}
-    return Log(str(path), series.sha256, series[TIME], angles, series.header.ignored, tuple(notes))
+    return Log(str(path), series.sha256, series[TIME], angles, series.header.ignored, (*notes, *series.remarks))
 
 
 def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
@@ -105,16 +104,23 @@ def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
         columns[TIME], off = even, abs(time - even).max()
         words = f"even steps of {1e3 * np.median(np.diff(even)):.4g} ms, which were taken instead"
         notes.append(f"{series.file}, {TIME}: up to {1e3 * off:.2g} ms off {words}")
-    usual = float(np.median(steps))
-    moved = np.max([abs(np.diff(columns[joint])) / max(np.ptp(columns[joint]), 1e-9) for joint in joints], axis=0)
-    gaps = np.flatnonzero((steps >= GAP * usual) & (moved > BRIDGED))
-    if len(gaps) and (abs(steps - usual) <= UNEVEN * usual).mean() > 0.9:
+    gaps = _gaps(time, np.stack([columns[joint] for joint in joints]))
+    if len(gaps):
         first = f"{time[gaps[0]]:.6g} to {time[gaps[0] + 1]:.6g} s"
         notes.append(f"{series.file}: no row from {first} while the arm moves, {len(gaps)} such in all; bridged")
     largest = math.degrees(max(abs(series[joint]).max() for joint in joints))
     if 0 < largest <= 2 * np.pi and not any(series.header.units[joint].written in RADIANS for joint in joints):
         notes.append(f"{series.header.where}: no angle beyond {largest:.3g} deg; for radians write '{joints[0]} [rad]'")
     return replace(series, columns=columns)
+
+
+def _gaps(time: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return the rows before gaps of an otherwise even log (J, T) in which the arm moves on."""
+    steps, ranges = np.diff(time), np.ptp(angles, axis=1)
+    usual = float(np.median(steps))
+    even = (abs(steps - usual) <= UNEVEN * usual).mean() > MOSTLY
+    moved = (abs(np.diff(angles))[ranges > 0] > BRIDGED * ranges[ranges > 0, None]).any(0)
+    return np.flatnonzero((steps >= GAP * usual) & moved) if even else np.zeros(0, int)
 
 
 def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:

@@ -14,13 +14,7 @@ from ident.errors import Problem, refuse, require
 from ident.files import remove_file, replace_file, together
 from ident.measure.campaign import Campaign, Measurement, load_problems, role_problems, value_problems
 from ident.measure.columns import ABOVE_0, ANGLE, ANGLES, Header, Number, Row, Rule, Word, read_header, rows_of
-from ident.measure.covariance import (
-    Covariance,
-    Group,
-    covariance_path,
-    covariance_text,
-    parse_covariance,
-)
+from ident.measure.covariance import Covariance, Group, covariance_path, covariance_text, parse_covariance
 from ident.measure.frames import NO_SETUPS, Setups, parse_setups, setups_path, setups_text
 from ident.measure.kinds import DRIVE_STATES, KINDS
 from ident.measure.load import Load, format_direction, parse_direction

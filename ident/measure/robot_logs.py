@@ -24,12 +24,6 @@ SQLITE, MCAP, ZIP = b"SQLite format 3\0", b"\x89MCAP0\r\n", b"PK\x03\x04"
 """First bytes of a file of each kind."""
 OFFICE = b"[Content_Types].xml"
 """Name of a part of every Excel sheet, which is a ZIP, too."""
-REMEDIES = {
-    SQLITE: "close the recorder before copying",
-    MCAP: "close the recorder before copying, or try `mcap recover`",
-    ZIP: "export it again",
-}
-"""What to do about a damaged one."""
 KINDS = {SQLITE: "a ROS 2 bag (.db3)", MCAP: "an MCAP file", ZIP: "a ZIP file of phyphox"}
 
 
@@ -60,7 +54,8 @@ def text_of(data: bytes, file: str) -> tuple[str, tuple[str, ...]]:
         raise
     except Exception as error:  # sqlite3, mcap, rosbags and zipfile let errors of many kinds through
         start, kind = next(each for each in KINDS.items() if data.startswith(each[0]))
-        remedy = REMEDIES[start]
+        recover = " or try `mcap recover`" if start == MCAP else ""
+        remedy = "export it again" if start == ZIP else f"close the recorder before copying{recover}"
         got = f"a damaged or truncated file ({type(error).__name__}: {one_line(str(error))[:80]}".rstrip(": ") + ")"
         raise refusal(file, got, kind, remedy) from None
 

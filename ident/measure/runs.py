@@ -12,15 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import Problem, noted, refusal, refuse, require
-from ident.measure.channels import (
-    FRAMES,
-    RECORDED,
-    RecordedChannel,
-    check_new,
-    note_of,
-    recordings_of,
-    write_blank,
-)
+from ident.measure.channels import FRAMES, RECORDED, RecordedChannel, check_new, note_of, recordings_of, write_blank
 from ident.measure.columns import ABOVE_0, Number, Row, Rule, Word, read_rows
 from ident.measure.grade import clipped
 from ident.measure.load import AXES, Load, Vector, parse_direction

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 
 from ident.measure.table import (
     DELIMITERS,
@@ -161,59 +160,43 @@ def _is_unit(text: str) -> bool:
 # The header comes first, lines above it and a row of units become comments: the numbers of lines stay.
 
 
-class Head(NamedTuple):
-    """The header of a table, with the numbers of lines from 0.
-
-    Attributes:
-        place: its line.
-        cells: its names.
-        units: line of the row of units below it; None without one.
-        of_cells: the cells of that row.
-    """
-
-    place: int
-    cells: list[str]
-    units: int | None = None
-    of_cells: Sequence[str] = ()
-
-
 def _with_header_first(text: str, file: str, remarks: list[str]) -> str:
     """Return the text of a table whose first line without # is its header, if one can be told from its rows."""
     lines = text.splitlines(keepends=True)
     filled = [place for place, line in enumerate(lines[:HEAD_MAX]) if line.strip(DELIMITERS + " \r\n\"'")]
     row = next((lines[place] for place in reversed(filled) if not _is_comment(lines[place])), "")
     delimiter = max((*DELIMITERS, " "), key=lambda mark: _numbers(_cells(row, mark)))
-    head = _head([(place, lines[place]) for place in filled], _cells(row, delimiter), delimiter)
-    if head is None:
+    found = _head([(place, lines[place]) for place in filled], _cells(row, delimiter), delimiter)
+    if found is None:
         return text
-    if above := [place for place in filled if place < head.place and not _is_comment(lines[place])]:
+    head, units = found
+    if above := [place for place in filled if place < head and not _is_comment(lines[place])]:
         which = f"lines {above[0] + 1} to {above[-1] + 1}" if above[1:] else f"line {above[0] + 1}"
         remarks.append(f"{file}: left out above the header: {which}")
-    cells, rows = head.cells, lines[head.place + 1 :]
-    if head.units is not None:
-        pairs = zip(cells, (unit.strip("[]()") for unit in head.of_cells), strict=True)
+    cells, rows = _cells(lines[head], delimiter), lines[head + 1 :]
+    if units is not None:
+        pairs = zip(cells, (unit.strip("[]()") for unit in _cells(lines[units], delimiter)), strict=True)
         cells = [cell if unit in NO_UNIT else f"{cell} [{unit}]" for cell, unit in pairs]
-        rows[head.units - head.place - 1] = "#\n"
+        rows[units - head - 1] = "#\n"
     if delimiter == " ":  # several blanks in a row are one
         delimiter, rows = "\t", ["\t".join(line.split()) + "\n" for line in rows]
-    return "".join(["#\n"] * head.place + [csv_line(cells, delimiter)] + rows)
+    return "".join(["#\n"] * head + [csv_line(cells, delimiter)] + rows)
 
 
-def _head(lines: Sequence[tuple[int, str]], row: Sequence[str], delimiter: str) -> Head | None:
-    """Return the last line of names above rows like one of the table; None where rows are on both sides of it."""
-    head, count = None, _numbers(row)
+def _head(lines: Sequence[tuple[int, str]], row: Sequence[str], delimiter: str) -> tuple[int, int | None] | None:
+    """Return the number of the last line of names above rows like one of the table, and that of a row of units.
+
+    None without such a line, or with rows on both sides of it.
+    """
+    head, units, below, count = None, None, list[str](), _numbers(row)
     for place, line in reversed(lines if row else ()):
-        comment = _is_comment(line)
-        cells = _cells(line.lstrip(" \t#%") if comment else line, delimiter)
+        cells = _cells(line, delimiter)
         fits, numbers = len(cells) == len(row), _numbers(cells)
-        names = fits and not numbers
-        if head is not None and head.units is None and names and _are_units(head.cells):
-            head = Head(place, cells, head.place, head.cells)
-        elif head is None and names:
-            head = Head(place, cells)
-        elif not comment and (not fits if head is None else fits and numbers >= count):
+        if fits and not numbers and (head is None or (units is None and _are_units(below))):
+            head, units, below = place, head, cells
+        elif not _is_comment(line) and (not fits if head is None else fits and numbers >= count):
             return None  # no header, but a broken row
-    return head
+    return None if head is None else (head, units)
 
 
 def _is_comment(line: str) -> bool:
@@ -226,8 +209,10 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line, without a mark of comments in front of it."""
+    bare = line.lstrip(" \t#%") if _is_comment(line) else line
     try:
-        cells = next(csv.reader([line.strip(" \r\n")], delimiter=delimiter, skipinitialspace=True))
+        cells = next(csv.reader([bare.strip(" \r\n")], delimiter=delimiter, skipinitialspace=True))
         return [cell.strip() for cell in cells]
     except (csv.Error, StopIteration):
         return []

@@ -13,14 +13,7 @@ from jaxtyping import Float
 from ident.errors import Problem, refusal
 from ident.measure.columns import Header, Rule, read_header
 from ident.measure.samples import NONE, TIME, Columns, read_samples
-from ident.measure.table import (
-    Findings,
-    Record,
-    decimal_mark,
-    fitting,
-    name_and_unit,
-    parse_number,
-)
+from ident.measure.table import Findings, Record, decimal_mark, fitting, name_and_unit, parse_number
 from ident.text import by_key, quoted
 from ident.units import sensor_factor
 

@@ -4,9 +4,7 @@ import re
 from dataclasses import dataclass
 
 from ident.errors import refusal, require
-from ident.measure.table import (
-    parse_number,
-)
+from ident.measure.table import parse_number
 from ident.text import quoted
 from ident.units import to_si
 

@@ -14,10 +14,7 @@ from ident.measure.grade import Grade, grade
 from ident.measure.recordings.sampling import Even, evened
 from ident.measure.samples import FILTERED, FILTERED_BELOW, NONE, TIME, Columns
 from ident.measure.series import Sampled, Series, parse_series
-from ident.measure.table import (
-    Findings,
-    read_table,
-)
+from ident.measure.table import Findings, read_table
 from ident.text import LARGEST_SAMPLES, NAME
 
 DIRECTIONS = ("x", "y", "z")
@@ -38,7 +35,7 @@ class Trace(Sampled):
         kind: `displacement` or `acceleration`; of a recording's channels also `velocity`, or their own unit.
         values: (T,) [SI] by direction, `x`, `y` or `z` of the base frame, or by channel.
         ignored: names of further columns of the file, as written in its header.
-        notes: what was taken from a program's convention, and done to the times.
+        notes: what was done to the times, and taken from a program's convention: the weightiest first.
         step_error: [-] relative standard error of the interval, where it was fitted to stamps that jitter.
         band: [Hz] up to which resampling has kept the amplitudes.
     """
@@ -92,7 +89,7 @@ def parse_trace(data: bytes, path: str | Path, columns: Columns = NONE) -> Trace
     values = {direction: series[direction] for direction in DIRECTIONS if direction in series}
     kind = KINDS[series.header.units[next(iter(values))].quantity]
     time, values, even = at_even_times(series, values)
-    notes = (*series.remarks, *even.remarks)
+    notes = (*even.remarks, *series.remarks)
     return Trace(str(path), series.sha256, time, kind, values, series.header.ignored, notes, even.error, even.band)
 
 

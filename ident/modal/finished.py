@@ -7,11 +7,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from ident.errors import Problem, every, refuse
-from ident.measure.channels import (
-    RESPONSE,
-    ChannelRow,
-    ChannelTable,
-)
+from ident.measure.channels import RESPONSE, ChannelRow, ChannelTable
 from ident.measure.recordings import Recording, Shape
 from ident.modal.frf import HeldArm, ModeSet
 from ident.modal.recorded import STATE, check_state, is_finished, place_of, state_of

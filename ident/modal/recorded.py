@@ -8,16 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import InputError, Problem, every, noted, refusal, refuse, require
-from ident.measure.channels import (
-    FORCE,
-    IGNORED,
-    QUANTITIES,
-    REFERENCE,
-    RESPONSE,
-    TIME,
-    ChannelRow,
-    ChannelTable,
-)
+from ident.measure.channels import FORCE, IGNORED, QUANTITIES, REFERENCE, RESPONSE, TIME, ChannelRow, ChannelTable
 from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording
 from ident.measure.recordings.sampling import even_step

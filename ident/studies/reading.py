@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ident.errors import refusal
@@ -108,6 +108,11 @@ def columns(texts: Sequence[str], flag: str) -> dict[str, str]:
     pairs = [(own.strip(), header.strip()) for own, header in (named(part, f"{flag} {part}") for part in parts)]
     headers = [(own, *(word.strip() for word in header.partition(":")[::2])) for own, header in pairs]
     return once(flag, [(own, f"{name} [{unit}]" if unit else name) for own, name, unit in headers])
+
+
+def columns_in_words(headers: Mapping[str, str]) -> str:
+    """Write headers by a file's names as `columns` reads them."""
+    return ",".join(f"{own}={header.replace(' [', ':').removesuffix(']')}" for own, header in headers.items())
 
 
 def named(text: str, where: str) -> tuple[str, str]:

@@ -18,6 +18,7 @@ from ident.errors import InputError, ModelError, refusal
 from ident.report.report import WIDTH, Report, html_of, text_of
 from ident.studies import STUDIES, module_of
 from ident.studies.options import Options
+from ident.studies.reading import columns_in_words
 from ident.text import NEWEST, as_word, one_line, study_of, within
 from ident.units import USUAL, stiffness_in
 
@@ -369,8 +370,7 @@ class Result(Reported):
         texts = {name: ":".join(map("{:g}".format, x)) if name == "errors" and x else x for name, x in given.items()}
         filled += "".join(f" --{name} {text}" for name, text in texts.items() if text not in (None, "unknown"))
         columns = getattr(options, "columns", {}) if moved or "{trace}" in words or "{runs}" in words else {}
-        pairs = [f"{own}={header.replace(' [', ':').removesuffix(']')}" for own, header in columns.items()]
-        filled += f" --columns {as_word(','.join(pairs))}" if pairs else ""
+        filled += f" --columns {as_word(columns_in_words(columns))}" if columns else ""
         changed = getattr(options, "set", {}) if moved else {}
         filled += "".join(f" --set {path}={value!r}" for path, value in changed.items())
         posed = any(getattr(options, name, None) for name in SAME_PROBLEM)

@@ -22,12 +22,17 @@ from ident.arm.arm import Arm
 from ident.arm.multibody import possible_orders
 from ident.errors import refusal, require
 from ident.vibrate.hypotheses import TRACKS
+from ident.vibrate.motion import QUICKEST
 from ident.vibrate.unit_response import Response, Run, unit_response
 
-SPLIT, UPPER = 1.0, 25.0
-"""Frequencies [Hz] between the motion itself and its vibration, and above which no drive excites; assumed."""
-COARSE = 50.0
-"""Least sampling rate [Hz] of the offsets that are tried: twice `UPPER`."""
+SPLIT = 1.0
+"""Frequency [Hz] between the motion itself and its vibration; assumed."""
+COARSE = 2 * QUICKEST
+"""Least sampling rate [Hz] of the offsets that are tried."""
+NYQUIST = 0.4
+"""Upper end of a band over the sampling rate, at most: the filter needs room below half of it."""
+TINY = 1e-300
+"""Added to what may be zero and divides."""
 FREE = 1.0
 """Time [s] for each independent number of a trace: model errors last as long as a mode rings; assumed."""
 NEAR = 0.25
@@ -120,7 +125,7 @@ class _Band(NamedTuple):
         low = float(response.time[0]) - float(self.time[-1])
         tried = int((float(response.time[-1]) - float(self.time[0]) - low) / step)
         columns = self.columns(response, self.time[0] + low + self.step * np.arange((tried + count) * self.thin))
-        columns /= np.sqrt(np.mean(columns**2, 0)) + 1e-300
+        columns /= np.sqrt(np.mean(columns**2, 0)) + TINY
         right = fftconvolve(columns, self.values[::-1, None], mode="valid", axes=0)
         whole = np.concatenate([np.ones((len(columns), 1)), columns], 1)
         sums = np.cumsum(np.vstack([np.zeros((1, *2 * whole.shape[1:])), whole[:, :, None] * whole[:, None]]), 0)
@@ -175,9 +180,9 @@ def _bands(response: Response, sensor: int, time: np.ndarray, values: np.ndarray
     thin, edge = max(1, int(rate / COARSE)), min(round(EDGE * rate), len(time) // 8)
     inside = slice(edge, len(time) - edge)
     got, remedy = f"{len(time) / rate:.3g} s of record", "record the whole motion"
-    require(len(time) >= SHORTEST * rate, "", got, f"at least {SHORTEST:g} s to find its clock", remedy)
+    require(len(time) >= SHORTEST * rate, response.run.name, got, f"at least {SHORTEST:g} s to find its clock", remedy)
     for profile in (True, False) if response.run.sensors[sensor].derivative == 2 else (False,):
-        edges = SPLIT if profile else (SPLIT, min(UPPER, 0.4 * rate))
+        edges = SPLIT if profile else (SPLIT, min(QUICKEST, NYQUIST * rate))
         filter = butter(4, edges, "lowpass" if profile else "bandpass", fs=rate, output="sos")
         kept = sosfiltfilt(filter, values - values.mean())[inside][::thin]
         yield _Band(sensor, time[inside], filter, thin, kept - kept.mean(), profile)
@@ -198,14 +203,14 @@ def _refined(response: Response, bands: Sequence[_Band], offset: float, lobes: f
             at = time + place[0] + place[1] * (time - middle)
             seen = [band.columns(response, at + nudge)[beyond:][: len(band.values)] for nudge in (0.0, -NUDGE, NUDGE)]
             columns, before, after = (each - each.mean(0) for each in seen)
-            columns /= (scale := np.sqrt(np.mean(columns**2, 0)) + 1e-300)
+            columns /= (scale := np.sqrt(np.mean(columns**2, 0)) + TINY)
             gram = columns.T @ columns + RIDGE * len(columns) * np.eye(len(scale))
             parts = np.linalg.solve(gram, columns.T @ band.values)
             slope = ((after - before) / scale @ parts / (2 * NUDGE))[:, None] * np.ones((1, 2))
             slope[:, 1] *= band.time[:: band.thin] - middle
             slope -= columns @ np.linalg.solve(gram, columns.T @ slope)
             rest = band.values - columns @ parts
-            noise = float(np.mean(rest**2)) + 1e-300
+            noise = float(np.mean(rest**2)) + TINY
             normal += slope.T @ slope / noise
             blocks += [each.sum(0) for each in np.array_split(slope * rest[:, None] / noise, len(blocks))]
         wide = max(1.0, *(np.square(blocks).sum(0) / np.diag(normal)).tolist())

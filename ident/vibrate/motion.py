@@ -28,6 +28,8 @@ JOINED = 1e-9
 FEW = 64
 """Number of breaks up to which comparison with all is faster than a search, within a compiled program."""
 
+QUICKEST = 25.0
+"""Frequency [Hz] up to which drives and paths excite vibration; assumed."""
 FASTEST = 1000.0
 """Highest speed override [%]."""
 

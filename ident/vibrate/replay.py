@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, refusal
-from ident.vibrate.motion import Motion, check_joints
+from ident.vibrate.motion import QUICKEST, Motion, check_joints
 
 DEGREE = 5
 """Degree of the spline: its fourth derivative is continuous, so the acceleration that excites the arm is smooth."""
@@ -113,8 +113,6 @@ def _refuse_rough(arm: Arm, motion: Motion, time: np.ndarray, angles: np.ndarray
     raise refusal(motion.name, got, f"at most {most[joint, 0]:.3g} rad/s^2", remedy)
 
 
-QUICKEST = 25.0
-"""Frequency [Hz] below which a path excites vibration; assumed."""
 KEPT = 0.98
 """Share of a path that counts for its noise; assumed."""
 Ends = tuple[bool, bool]

@@ -41,7 +41,7 @@ from broken import NUMBERS, WORDS, broken_bytes, broken_texts, damaged, pick
 DATA, SAVED = ROOT / "data", ROOT / "tests" / "data" / "results" / "10"
 SECONDS, MEMORY, STUCK = 60, 2_000, 900
 """CPU time [s] and memory [MB] that a case may take, and the time [s] after which a silent worker is ended."""
-ALL_STAGES = {"diagnose": 240, "source": 120}
+WHOLE_RUNS = {"diagnose": 240, "source": 120}
 """CPU time [s] of commands that search, sample and simulate where an input is taken, most of it to compile."""
 STATUSES = (0, 1, 2, 3)
 LONGEST = 1200
@@ -446,7 +446,7 @@ def run(case: Case, base: Path, folder: Path) -> Outcome:
         raise OutOfTime
 
     signal.signal(signal.SIGPROF, end)
-    seconds = ALL_STAGES.get(case.command, SECONDS)
+    seconds = WHOLE_RUNS.get(case.command, SECONDS)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):

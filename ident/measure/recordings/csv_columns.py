@@ -11,15 +11,7 @@ from ident.errors import InputError, Problem, placed, refusal, refuse, require
 from ident.measure.recordings.recording import Channel, Contents, Shape, array_channels, response_and_part
 from ident.measure.recordings.sampling import JUDGED_MIN, Even, evened
 from ident.measure.samples import TIME, Columns, Samples, read_samples, split_header
-from ident.measure.table import (
-    IS_NUMBER,
-    Findings,
-    Record,
-    decimal_mark,
-    doubled,
-    misfit,
-    parse_number,
-)
+from ident.measure.table import IS_NUMBER, Findings, Record, decimal_mark, doubled, misfit, parse_number
 from ident.text import by_key, one_line, quoted
 from ident.units import si_factor
 
@@ -70,13 +62,14 @@ def _over_time(cells: list[tuple[str, str, np.ndarray]], time: np.ndarray, table
         except InputError:
             if own.all() or own.sum() >= JUDGED_MIN:
                 raise
+            # in few samples an empty cell is more probable than a clock of its own
             empty, remedy = int(np.argmin(own)), "fill the cell, or delete the rows up to it"
             raise refusal(table.records[1 + empty][0], "nothing", "a number", remedy, cells[places[0]][0]) from None
         of |= {place: (even, number) for number, place in enumerate(places)}
     for place, (even, number) in sorted(of.items()):
         name, unit, _ = cells[place]
         made = Channel(name, even.values[number][None].copy(), unit, even.step, even.start)
-        yield replace(made, remarks=(*table.remarks, *even.remarks), step_error=even.error, band=even.band)
+        yield replace(made, remarks=(*even.remarks, *table.remarks), step_error=even.error, band=even.band)
 
 
 def _frequency(header: Sequence[str], table: np.ndarray) -> int | None:

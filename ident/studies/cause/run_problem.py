@@ -21,7 +21,7 @@ from ident.studies.shared import as_file
 from ident.text import one_line
 from ident.vibrate.binomial import HALF_WIDTH
 from ident.vibrate.clock import Clock, find_clock
-from ident.vibrate.motion import Motion, beyond_limits, stroke
+from ident.vibrate.motion import QUICKEST, Motion, beyond_limits, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.source_problem import CLOCK_SD, LAGS, Channel, Prior, SourceProblem, Trial, slow_columns
 from ident.vibrate.unit_response import UNITS, Run, Sensor, masses_of
@@ -38,8 +38,6 @@ CLOCK = 0.05
 """Clock error [s] if none is fitted; assumed."""
 LARGEST = 0.05
 """Largest vibration of an arm, as a share of its reach; above it, suspect a wrong unit; assumed."""
-QUICKEST = 25.0
-"""Highest frequency [Hz] that drives excite, which bounds velocity and acceleration, too; assumed."""
 HEAVIEST = (0.01, 20.0, 0.05)
 """Largest imbalance of a trial mass: in kg m, as a multiple of the drive's own, and as an eccentricity [m] of its
 eccentric mass; the largest of the three counts; assumed."""
@@ -153,6 +151,7 @@ def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offs
     channel = Channel(f"{trace.row.file} {trace.row.channel}", run, sensor, time, trace.values[inside])
     slow, unit = slow_columns(channel), ("m", "m/s", "m/s^2")[trace.derivative]
     size = float(np.abs(channel.values - slow @ (slow.T @ channel.values)).max())
+    # as a vibration at the highest frequency, it bounds velocity and acceleration, too
     most = LARGEST * reach_of(arm) * (2 * np.pi * QUICKEST) ** trace.derivative
     if size > most:
         got, expected = f"a vibration of {size:.3g} {unit} in {channel.name}", f"at most {most:.3g} {unit}"
@@ -227,16 +226,20 @@ def with_clocks(arm: Arm, table: Runs, offset: float = CLOCK) -> Runs:
         InputError: the traces do not show the clock of a log's motion, see `find_clock`; of a stroke this is a note.
     """
     clocks, notes = dict[str, Clock](), list(table.notes)
-    for name in (name for name in table.names if table.of(name)[0].row.delay is None):
+    for name in table.names:
+        row = table.of(name)[0].row
+        if row.delay is not None:
+            continue
         try:
             clock = clock_of(arm, table, name)
         except InputError as error:
-            if table.of(name)[0].row.path:
+            if row.path:
                 raise
             notes.append(f"{name}: taken as on the motion's clock, for its traces show {error.problems[0].got}")
             continue
         if abs(clock.offset) > offset:
             clocks[name] = clock
+            notes.append(f"{name}: clock found from the motion, {clock}")
     traces = [
         replace(own, time=clocks[own.row.file].on_motion(own.time)) if own.row.file in clocks else own
         for own in table.traces
@@ -259,11 +262,10 @@ def clock_of(arm: Arm, table: Runs, name: str) -> Clock:
 
 
 def with_notes(arm: Arm, table: Runs) -> Runs:
-    """Return runs with notes: found clocks, repairs of logs, traces that share little time with their motion."""
+    """Return runs with notes: repairs of logs, and traces that share little time with their motion."""
     notes = list(table.notes)
     for name in table.names:
         traces = _from_start(arm, table, table.of(name))
-        notes += [f"{name}: clock found from the motion, {table.clocks[name]}"] if name in table.clocks else ()
         row, motion, (start, end) = traces[0].row, _motion(arm, table, traces), traces[0].time[[0, -1]].tolist()
         notes += _log(arm, table, row.path).notes if row.path else ()
         common = min(end, float(motion.breaks[-1])) - max(start, 0.0)

@@ -15,12 +15,7 @@ from ident.modal.frf import MOVING, Check, ModalTest
 from ident.modal.modes import Modes, Ratio
 from ident.modal.operational import DECAYS, OperationalModes
 from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, by_head, cut
-from ident.report.words import (
-    counted,
-    degrees,
-    percent,
-    sentence,
-)
+from ident.report.words import counted, degrees, percent, sentence
 from ident.studies.measuring.modal_campaign import IdentifiedModes, Labelled, NamedModes
 from ident.text import by_key
 

@@ -8,17 +8,7 @@ from matplotlib.figure import Figure
 from ident.inference.change import LEVEL
 from ident.inference.information import p_in_words
 from ident.report.report import cut
-from ident.report.style import (
-    FILLED,
-    GREY,
-    HOLLOW,
-    ORANGE,
-    key_below,
-    lines,
-    ratio_axis,
-    rows,
-    titled,
-)
+from ident.report.style import FILLED, GREY, HOLLOW, ORANGE, key_below, lines, ratio_axis, rows, titled
 from ident.report.words import percent
 
 if TYPE_CHECKING:

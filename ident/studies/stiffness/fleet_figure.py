@@ -11,18 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ident.report.report import cut
-from ident.report.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    PALE,
-    PALE_BLUE,
-    key_below,
-    note,
-    plain,
-    power_of,
-    titled,
-)
+from ident.report.style import BLUE, GREY, ORANGE, PALE, PALE_BLUE, key_below, note, plain, power_of, titled
 from ident.report.words import in_shown_unit
 
 if TYPE_CHECKING:

@@ -7,14 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ident.report.report import cut
-from ident.report.style import (
-    ORANGE,
-    PALE_BLUE,
-    key_below,
-    lines,
-    plain,
-    titled,
-)
+from ident.report.style import ORANGE, PALE_BLUE, key_below, lines, plain, titled
 
 if TYPE_CHECKING:
     from ident.identify.joint import JointTwist

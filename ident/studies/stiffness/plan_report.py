@@ -16,17 +16,7 @@ from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
 from ident.measure import Measurement
 from ident.measure.reading import campaign_rows
 from ident.measure.table import csv_text
-from ident.report.report import (
-    Finding,
-    Report,
-    Section,
-    Table,
-    Verdict,
-    by_head,
-    cut,
-    kept,
-    without_empty_columns,
-)
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut, kept, without_empty_columns
 from ident.report.words import counted, degrees, lowered, percent, scatter, unit_of
 from ident.studies.stiffness.fit_report import why_no_interval
 from ident.studies.stiffness.warnings import drive_states

@@ -7,14 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.identify.unknowns import is_of_loop
-from ident.inference.draws import (
-    LEARNED,
-    LEVELS,
-    prior_intervals,
-    quantiles,
-    ratio_to_prior,
-    share_of_prior,
-)
+from ident.inference.draws import LEARNED, LEVELS, prior_intervals, quantiles, ratio_to_prior, share_of_prior
 from ident.report.report import cut
 from ident.report.style import (
     BLUE,

@@ -7,17 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.report.report import cut
-from ident.report.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    PALE_BLUE,
-    Style,
-    key_below,
-    lines,
-    rows,
-    titled,
-)
+from ident.report.style import BLUE, GREY, ORANGE, PALE_BLUE, Style, key_below, lines, rows, titled
 from ident.studies.stiffness.fit_figure import LETTER
 
 if TYPE_CHECKING:

@@ -62,7 +62,7 @@ def spectrogram_figure(
         title: heading, such as direction and motion.
         upto: [Hz] upper end of the axis.
         decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
-        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+        kind: `displacement` [m], drawn in mm, or another of `trace_unit`.
     """
     figure, axes = amplitude_figure(SIZE, spectrogram, title, upto, kind, decibel)
     handles = []

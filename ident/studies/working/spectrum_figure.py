@@ -9,17 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ident.report.report import cut
-from ident.report.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PINK,
-    key_below,
-    note,
-    plain,
-    titled,
-)
+from ident.report.style import BLUE, GREEN, GREY, ORANGE, PINK, key_below, note, plain, titled
 from ident.report.words import trace_unit
 from ident.studies.working.spectrogram_figure import styles
 from ident.studies.working.spectrum_report import hertz, where_marked

@@ -5,14 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.report.report import Finding, Part, Report, Section, Table, by_head, cut
-from ident.report.words import (
-    TRACE_UNITS,
-    counted,
-    degrees,
-    some,
-    trace_unit,
-)
-from ident.studies.working.spectra import PEAKS, MarkedModes, Spectra
+from ident.report.words import TRACE_UNITS, counted, degrees, some, trace_unit
+from ident.studies.working.spectra import PEAKS, Spectra
 from ident.text import as_word
 from ident.units import sensor_factor
 
@@ -75,7 +69,7 @@ def _findings(spectra: Spectra) -> Iterator[Finding]:
     for grade in [grade for grade in spectra.grades if grade.strongest > spectra.upto][:1]:
         words = f"{cut(grade.name, 24)}: the largest line is at {grade.strongest:.4g} Hz"
         yield Finding(words, f"--upto {1.5 * grade.strongest:.2g}")
-    yield from (Finding(note) for trace in spectra.traces.values() for note in reversed(trace.notes))
+    yield from (Finding(note) for trace in spectra.traces.values() for note in trace.notes)
 
 
 def _details(spectra: Spectra) -> Iterator[Section]:
@@ -101,15 +95,16 @@ def _grades(spectra: Spectra, most: int | None) -> Table:
         (factor, unit), (low, high) = trace_unit(grade.kind), grade.band
         sizes = (grade.rate, grade.duration, factor * grade.resolution, grade.clipped, factor * grade.noise)
         rows.append((cut(grade.name, 24), unit, *sizes, f"{low:.2g} to {high:.4g}" if low < high else "none"))
-    head = ("Channel", "unit", "rate [Hz]", "length [s]", "resolution [unit]", "clipped [samples]")
-    forms = ("", "", ".4g", ".4g", ".2g", ".0f", ".2g", "")
+    sizes_of = "resolution [unit]|.2g", "clipped [samples]|.0f", "noise floor [unit/sqrt(Hz)]|.2g"
+    heads = "Channel", "unit", "rate [Hz]|.4g", "length [s]|.4g", *sizes_of, "trusted band [Hz]"
     drawn = spectra.traces[spectra.name].values
-    note = "Without an anti-alias filter in the sensor, vibration above half the rate folds into the band. "
-    note += "A sensor is a load, which lowers frequencies: --load '0.2 kg @ tip' for a phone."
+    note = "Without an anti-alias filter in the sensor, vibration above half the rate folds into the band."
+    if any(grade.kind == "acceleration" for grade in spectra.grades):
+        note += " A sensor is a load, which lowers frequencies: --load '0.2 kg @ tip' for a phone."
     other = [cut(grade.name, 24) for grade in spectra.grades if grade.name not in drawn]
     note += f" Not drawn, of another quantity or clock: {some(other)}." if other else ""
     note += f" {hidden} more with --details." if (hidden := len(spectra.grades) - len(rows)) else ""
-    return Table("", (*head, "noise floor [unit/sqrt(Hz)]", "trusted band [Hz]"), tuple(rows), forms, note)
+    return by_head(heads, rows, note=note)
 
 
 # -------- Peaks and modes
@@ -150,7 +145,7 @@ def _peaks_table(spectra: Spectra, name: str, caption: str, most: int, channels:
     return by_head(heads[:shown], (row[:shown] for row in rows), caption, note)
 
 
-def _modes(modes: MarkedModes) -> Section:
+def _modes(modes: "MarkedModes") -> Section:
     rows = ((label, hertz(band, 4)) for label, band in modes.bands.items())
     meaning = (
         "Names as at the end of the motion. A peak in z is named by a vertical mode if one is near, others by a "
