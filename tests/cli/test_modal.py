@@ -85,7 +85,7 @@ def test_init_writes_a_table_to_fill_in_and_overwrites_none(run, folder):
     assert "14 channels to fill in; then: ident modal" in out
     code, out, err = run("modal", folder, "--channels", "mine.csv")
     assert code == 2
-    assert "mine.csv:8, point: got nothing, expected a point of the arm, of a force" in err
+    assert "mine.csv:8, q1: got nothing, expected a number; fill the cell" in err
 
 
 def test_a_reversed_sensor_is_seen(run, folder):
