@@ -157,8 +157,9 @@ def compare(simulated: Trace, measured: Trace, *, band: tuple[float, float]) -> 
     if simulated.quantity != measured.quantity:
         ours = Samples(ours.time, second_derivative(ours.time, ours.values))
     step = max(ours.step, theirs.step)
-    ours, theirs = _coarser(ours, step), _coarser(theirs, step)
     time = _common(ours, theirs, step)
+    ours, theirs = _coarser(ours, step), _coarser(theirs, step)
+    time = time[time <= min(ours.time[-1], theirs.time[-1]) + 1e-6 * step]  # resampling ends up to a step earlier
     # quintic splines: exact at a trace's own instants, to 0.2 % up to half the Nyquist frequency
     both = (np.asarray(make_interp_spline(x.time, x.values, k=5)(time)) for x in (ours, theirs))
     sizes = [_size(Trace(time, values, measured.quantity), band) for values in both]

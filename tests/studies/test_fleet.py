@@ -231,7 +231,7 @@ def test_stopped_or_killed_at_any_moment_it_comes_to_the_same_files(run, robots,
     """With processes of its own none of these stays: each has its output open, and that comes to its end."""
     few = tmp_path / "few"
     few.mkdir()
-    for name in ("arm.toml", "broken.csv", *(f"robot00{i}.csv" for i in range(1, 6))):
+    for name in ("arm.toml", "broken.csv", *(f"robot00{i}.csv" for i in range(1, 8))):
         shutil.copy(robots[0] / name, few)
     words = ["fleet", str(few), "--starts=2", "--normal", "--no-figure", "--out"]
 
