@@ -21,11 +21,11 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from io import StringIO
 from itertools import islice
@@ -295,6 +295,8 @@ def _document(rng: np.random.Generator, data: bytes) -> bytes:
     try:
         document = json.loads(data)
     except ValueError:
+        return _text(rng, data)
+    if not isinstance(document, dict | list) or not document:
         return _text(rng, data)
     return json.dumps(next(iter(damaged(rng, document, 1)))).encode()
 
@@ -594,11 +596,9 @@ def fuzzed(
         drawn = (number for number in numbers if not light or case_of(seed, number, base).command not in HEAVY)
         for number in islice(drawn, light or None):
             jobs.put(number)
-        threads = [threading.Thread(target=work) for _ in range(workers)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        with ThreadPoolExecutor(workers) as pool:
+            for each in [pool.submit(work) for _ in range(workers)]:
+                each.result()
     return sorted(outcomes, key=lambda each: each.number)
 
 
