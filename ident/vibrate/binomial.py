@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import binomtest
+from scipy.special import betaincinv
 
 LEVEL = 0.95
 """Of the interval of a probability."""
@@ -38,8 +38,9 @@ class BinomialEstimate:
             Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
             Biometrika 26 (1934) 404-413.
         """
-        low, high = binomtest(self.count, self.draws).proportion_ci(LEVEL, method="exact")
-        return float(low), float(high)
+        events, others, tail = self.count, self.draws - self.count, (1 - LEVEL) / 2
+        low = betaincinv(events, others + 1, tail) if events else 0.0
+        return float(low), float(betaincinv(events + 1, others, 1 - tail)) if others else 1.0
 
 
 def share_of_variance(values: Mapping[str, Float[np.ndarray, "K"]], size: Float[np.ndarray, "K"]) -> float:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
-from scipy.signal import ShortTimeFFT
 
 from ident.errors import Problem, refusal, refuse
 from ident.text import no_such
@@ -398,6 +397,8 @@ def spectrogram(time: ArrayLike, values: ArrayLike, *, window: str = "hann", seg
     References:
         Brandt, "Noise and Vibration Analysis", 2nd ed., 2023, section 11.1. Heinzel et al., 2002, section 8.
     """
+    from scipy.signal import ShortTimeFFT
+
     trace = samples(time, values)
     shortest, longest = SHORTEST * trace.step, len(trace.time) * trace.step / 2
     if not shortest <= segment_seconds <= longest * (1 + 1e-9):

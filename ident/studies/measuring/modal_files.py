@@ -10,11 +10,10 @@ from ident.measure import Campaign, write_campaign
 from ident.measure.covariance import covariance_path
 from ident.measure.reproducibility import Reproducibility
 from ident.modal.ambient import AmbientTest
+from ident.report.document import Group, Variable
 from ident.studies.measuring.modal_report import place_in_words, reproducibility_in_words
 
 if TYPE_CHECKING:
-    import xarray
-
     from ident.modal.frf import ModalTest
 
 
@@ -31,21 +30,19 @@ def write_campaign_file(
     write_campaign(campaign, path, header_comments=comments)
 
 
-def modal_groups(tests: Sequence["ModalTest | AmbientTest"], head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+def modal_groups(tests: Sequence["ModalTest | AmbientTest"], head: Mapping[str, Any]) -> dict[str, Group]:
     """Return mean accelerance, real and imaginary, and coherence of each test, as `test1`, `test2`, ... of the root.
 
     For an ambient test the singular values of the spectral density.
     """
-    import xarray
-
-    data: dict[str, Any] = {}
+    data: dict[str, Variable] = {}
     for number, test in enumerate(tests, 1):
         each = _densities(number, test) if isinstance(test, AmbientTest) else _responses(number, test)
         posture = [math.degrees(angle) for angle in test.posture]
         for name, values, unit, coordinates in each:
-            attributes = {"units": unit, "posture_deg": posture}
-            data[name] = xarray.DataArray(values, coordinates, tuple(coordinates), attrs=attributes)
-    return {"/": xarray.Dataset(data, attrs={"format": head["format"], "head": json.dumps(head)})}
+            data |= {dim: Variable((dim,), list(along)) for dim, along in coordinates.items()}
+            data[name] = Variable(tuple(coordinates), values, {"units": unit, "posture_deg": posture})
+    return {"/": Group(data, {"format": head["format"], "head": json.dumps(head)})}
 
 
 _Written = Iterator[tuple[str, Any, str, dict[str, Any]]]

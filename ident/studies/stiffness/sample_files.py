@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.identify.values import scaled_by
 from ident.inference.draws import LEVELS
+from ident.report.document import Group
 
 if TYPE_CHECKING:
     import arviz
@@ -57,15 +58,9 @@ def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.
     return data
 
 
-def groups_of(data: "arviz.InferenceData") -> "dict[str, xarray.Dataset]":
-    """Return InferenceData as the groups of a netCDF file, compressed as `InferenceData.to_netcdf` does it."""
-    import xarray
-
-    groups = {"/": xarray.Dataset(attrs=data.attrs), **{name: data[name] for name in data.groups()}}
-    for group in groups.values():
-        for variable in group.variables.values():
-            variable.encoding = {"zlib": True} if variable.dtype.kind in "biufc" else {}
-    return groups
+def groups_of(data: "arviz.InferenceData") -> "dict[str, Group | xarray.Dataset]":
+    """Return InferenceData as the groups of a netCDF file."""
+    return {"/": Group({}, data.attrs), **{name: data[name] for name in data.groups()}}
 
 
 def sample_errors(result: "CampaignSample") -> list[dict[str, float]]:

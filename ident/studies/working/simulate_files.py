@@ -1,7 +1,7 @@
 """A simulated motion as files: series as CSV and netCDF, with their provenance."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,13 +9,11 @@ import numpy as np
 
 from ident.files import replace_file
 from ident.measure.table import csv_text, guarded
-from ident.report.document import PACKED
+from ident.report.document import Group, Variable
 from ident.report.words import MM
 from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
-    import xarray
-
     from ident.studies.working.simulation import Simulation
 
 
@@ -62,31 +60,29 @@ def csv_columns(simulation: "Simulation") -> Iterator[tuple[str, np.ndarray]]:
         yield f"{name}.angle [rad]", angle
 
 
-def simulate_groups(simulation: "Simulation", head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
-    """Return all series as the root of a netCDF file, compressed, with their dimensions, units and origin; SI."""
-    import xarray
-
-    variables = {
-        name: (dims, np.asarray(values, float), {"units": units, "long_name": words}, PACKED)
+def simulate_groups(simulation: "Simulation", head: Mapping[str, Any]) -> dict[str, Group]:
+    """Return all series as the root of a netCDF file, with their dimensions, units and origin; SI."""
+    series = {
+        name: Variable(dims, np.asarray(values, float), {"units": units, "long_name": words})
         for name, dims, values, units, words in _variables(simulation)
     }
-    coordinates: dict[str, Any] = {
-        "time": ("time", simulation.time, {"units": "s"}),
-        "direction": list(DIRECTIONS),
-        "axis": ("axis", list("xyz"), {"long_name": "axis of the joint's shaft"}),
+    names: dict[str, Sequence[str]] = {
+        "direction": DIRECTIONS,
+        "axis": "xyz",
         "joint": [joint.name for joint in simulation.arm.joints],
         "driven": [joint.name for joint in simulation.arm.driven],
     }
     if simulation.arm.belts:
-        coordinates |= {"span": list(SPANS), "belt": [belt.name for belt in simulation.arm.belts]}
+        names |= {"span": SPANS, "belt": [belt.name for belt in simulation.arm.belts]}
     if simulation.pulleys:
-        coordinates["drive"] = list(simulation.pulleys)
+        names["drive"] = list(simulation.pulleys)
     if simulation.draws:
-        coordinates["parameter"] = list(simulation.draws.values)
+        names["parameter"] = list(simulation.draws.values)
+    coordinates = {name: Variable((name,), list(values)) for name, values in names.items()}
+    coordinates["time"] = Variable(("time",), simulation.time, {"units": "s"})
     attributes = {name: json.dumps(part) for name, part in head.items()}
     attributes |= {"motion": simulation.response.motion.name, "method": simulation.response.method}
-    whole = attributes | {"arrival": simulation.response.motion.arrival}
-    return {"/": xarray.Dataset(variables, coordinates, whole)}
+    return {"/": Group(coordinates | series, attributes | {"arrival": simulation.response.motion.arrival})}
 
 
 def _variables(simulation: "Simulation") -> Iterator[tuple[str, tuple[str, ...], Any, str, str]]:
