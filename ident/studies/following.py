@@ -63,8 +63,9 @@ def _given(study: str, words: str, paths: Mapping[str, str], options: Options) -
     left_out |= {*(("profile", "retract") if "path" in files else ()), *(() if files else ("force",))}
     given = {each.name: each for each, _ in specs(type(options))}
     for each in (each for each in AGAIN if each in {*fields} & {*given} - left_out):
-        value, (own, other) = getattr(options, each), (fields[each], given[each])
-        if own.type == other.type and value != default_of(own):  # a plan has several loads
+        value, own, other = getattr(options, each), fields[each], given[each]
+        alike = own.metadata["spec"].repeated == other.metadata["spec"].repeated  # a plan has several loads
+        if alike and value is not None and value != default_of(own):
             yield from (f"{flags[each]} {as_word(text)}" if text else flags[each] for text in _texts(each, value))
     if study not in PRINTING and FOLDER.get() != Path("out"):
         yield f"--out {as_word(FOLDER.get())}"
@@ -75,8 +76,7 @@ def _texts(name: str, value: Any) -> Iterable[str]:
     if name == "columns":
         return [columns_in_words(value)]
     if isinstance(value, Mapping):
-        mark = "=" if name in ("set", "prior") else ":"
-        return [f"{key}{mark}{each}".removesuffix(":inf") for key, each in value.items()]
+        return [f"{key}{':='[name in ('set', 'prior')]}{each}".removesuffix(":inf") for key, each in value.items()]
     if isinstance(value, tuple) and name != "errors":
         return [each if isinstance(each, str) else "=".join(each) for each in value]
     numbers = value if isinstance(value, tuple) else (value,)

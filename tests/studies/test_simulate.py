@@ -192,7 +192,7 @@ def test_the_next_command_computes_the_same_motion():
     more = {"profile": "cycloid", "phases": "file", "errors": (30.0, 60.0), "method": "fast"}
     sweep, motion = (simulate(FILE, SimulateOptions(**SHORT, **more, limit=x)).sections() for x in (None, 1e-6))
     arm = DATA / "lcd_arm" / "arm.toml"
-    same = "--speed 200 --profile cycloid --phases file --errors 30:60"
+    same = "--speed 200 --profile cycloid --dwell 0.5 --phases file --errors 30:60"
     assert sweep.next == f"ident sweep {arm} --vary speed {same}"
     assert motion.next == f"ident motion {arm} --limit 1e-06 {same}"
     assert "--phases" not in simulate(FILE, replace(FAST, limit=1e-6)).sections().next
