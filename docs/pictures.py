@@ -47,6 +47,8 @@ PAGES = {
     "explore": ("arm.explore.html#joint1.k_tors=180000", (1280, 1640)),
 }
 """Pages that commands write, shown as a browser of a size shows them."""
+STATIC = {"explore": "arm.explore.html"}
+"""Pages that the manual has as they are, to look at before anything is installed."""
 LONG = ("diagnose",)
 """Commands whose examples the tests only show, as they take minutes."""
 WIDEST, MOST, COLORS = 1400, 120_000, 256
@@ -77,6 +79,8 @@ def make(command: str, page: Path, folder: Path) -> None:
     (PICTURES / f"{command}.txt").write_text(answer, encoding="utf-8")
     (PICTURES / f"{command}.details.txt").write_text(details, encoding="utf-8")
     picture = PICTURES / f"{command}.png"
+    if command in STATIC:
+        (HERE / "static" / STATIC[command]).write_bytes((folder / "out" / STATIC[command]).read_bytes())
     if command in PAGES:
         photograph(folder / "out", *PAGES[command], picture)
     elif command in FIGURES:

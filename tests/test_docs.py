@@ -30,6 +30,7 @@ pytestmark = pytest.mark.slow
 
 PAGES = [page for page in pages() if examples(page)]
 PICTURES = DOCS / "pictures"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 LARGEST = 120_000
 STRICTLY = ("-W", "--keep-going", "-n", "-q")
 FROM_ELSEWHERE = re.compile(r"<(?:link|script|img|iframe|source)\b[^>]*(?:src|href)=\"(?:https?:)?//[^\"]*")
@@ -155,6 +156,24 @@ def check(page, words, run, shelf):
     first = next(each for example in examples(page) for each in example.commands if each[:2] == words[:2])
     if page.stem == words[1] and words == first and words[1] in {*STUDIES, *DESCRIBED} - set(REDUCED):
         assert same_text(out, shown.read_text(encoding="utf-8"))
+
+
+def test_what_one_has_leads_to_a_command(run, folder, monkeypatch):
+    """The table of README: each of its commands is understood."""
+    typed = re.findall(r"`(ident [^`]*)`", "\n".join(re.findall(r"^\|.*", README, re.MULTILINE)))
+    assert len(typed) > 6
+    for command in typed:
+        assert is_read(command.split(), run, monkeypatch), command
+
+
+def test_readme_is_short_and_has_the_numbers_that_are_printed():
+    """Those of its three sentences, by `ident motion` and `ident diagnose`."""
+    assert len(README.splitlines()) <= 90
+    printed = "".join((PICTURES / f"{name}.txt").read_text(encoding="utf-8") for name in ("motion", "diagnose"))
+    (story,) = re.findall(r"Too much: .*?no part", README, re.DOTALL)
+    numbers = re.findall(r"[\d.]+ (?:mm|s)\b", story)
+    assert len(numbers) == 5
+    assert all(number in printed for number in numbers)
 
 
 def test_a_command_that_is_not_understood_is_told(run, folder, monkeypatch):

@@ -137,9 +137,9 @@ REACHES = {
     "motion": 24_400,
     "plan": 25_900,
     "fleet": 29_400,
-    "source": 23_800,
+    "source": 23_900,
     "balance": 27_900,
-    "joint": 14_700,
+    "joint": 14_800,
     "triage": 23_600,
     "diagnose": 48_700,
 }

@@ -32,8 +32,9 @@ from ident.cli.output import (
 )
 from ident.errors import InputError, Problem, refusal
 from ident.files import keep_earlier, together
+from ident.studies.following import kept_in
 from ident.studies.options import ADDRESSES, Options, Spec, flag_of, renamed, specs
-from ident.studies.result import Result, kept_in, other_inputs
+from ident.studies.result import Result, other_inputs
 from ident.text import did_you_mean, one_line, quoted, read_text
 from ident.units import in_si, width
 

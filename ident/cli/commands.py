@@ -37,6 +37,7 @@ from ident.studies.cure.balance import balance
 from ident.studies.cure.design import design
 from ident.studies.cure.diagnose import DiagnoseOptions, diagnose, discard_stages, part_folder
 from ident.studies.cure.motion import motion
+from ident.studies.following import kept_in
 from ident.studies.look.explore import explore
 from ident.studies.look.new import KINDS
 from ident.studies.look.predict import predict
@@ -391,7 +392,7 @@ def show(
         tell(names_of(file))
         return
     picture = picture_of(file, None if posture is None else reading.postures([posture], "--posture")[0])
-    tell(picture)
+    kept_in(out)(tell)(picture)
     for path in () if no_figure else picture.save_figures(out):
         output().wrote(path)
 

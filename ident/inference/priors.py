@@ -32,6 +32,10 @@ class Prior:
             got = f"a prior from {self.low:g} to {self.high:g} of width {self.sd:g}"
             raise refusal("", got, "0 < low <= high, width > 0, all finite", f"give {FORMS}")
 
+    def __str__(self) -> str:
+        form = "log-uniform" if self.sd == SHOULDER else "catalogue"
+        return f"log-normal:{self.low}:{self.sd}" if self.low == self.high else f"{form}:{self.low}:{self.high}"
+
     @classmethod
     def log_normal(cls, median: float, sd: float) -> "Prior":
         """Return the prior with this median and this standard deviation of ln(value)."""

@@ -10,7 +10,6 @@ from ident.arm.belts import belt_mismatches
 from ident.arm.multibody import exciting_orders, has_transmission_error
 from ident.report.report import Finding, Section, cut
 from ident.report.words import MM, arc_seconds, counted, degrees, sentence, unit_of
-from ident.text import as_word
 
 if TYPE_CHECKING:
     from ident.identify.values import Values
@@ -42,17 +41,6 @@ def subject(basis: "Basis") -> str:
 def motion_title(what: str, basis: "Basis") -> str:
     """Return the title of a figure of an arm and its motion."""
     return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"
-
-
-def same_motion(basis: "Basis") -> str:
-    """Return the options for the same motion, load and values in another command; each after a space."""
-    values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
-    words = [f"{option} {as_word(given.path)}" for option, given in values if given and given.path]
-    if basis.percent != (100.0 if basis.log else 10.0):  # the default without `--speed`
-        words.append(f"--speed {basis.percent:g}")
-    words += ["--retract"] * (not basis.log and basis.motion.name.startswith("retraction"))
-    words += [f"--load {as_word(str(basis.load))}"] * bool(basis.load)
-    return "".join(f" {word}" for word in words).replace("{", "{{").replace("}", "}}")
 
 
 def motion_section(

@@ -6,8 +6,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import wraps
 from operator import attrgetter
@@ -17,9 +16,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast, datacl
 from ident.errors import InputError, ModelError, refusal
 from ident.report.report import WIDTH, Report, html_of, text_of
 from ident.studies import STUDIES, module_of
+from ident.studies.following import kept_in, next_command
 from ident.studies.options import Options
-from ident.studies.reading import columns_in_words
-from ident.text import NEWEST, as_word, one_line, study_of, within
+from ident.text import NEWEST, one_line, study_of
 from ident.units import USUAL, stiffness_in
 
 if TYPE_CHECKING:
@@ -43,13 +42,6 @@ SHOWING = (
     *("frequency_figure", "path_figure", "animation", "_write"),
 )
 """Methods that show stiffnesses in display units."""
-SAME_PROBLEM = (
-    *("fix", "tie", "free", "uncertain", "no_prior", "prior"),
-    *("discrepancy", "trust_values", "robust", "soft_base"),
-)
-"""Options that the next command needs to pose the same problem."""
-SAME_MOTION = {"profile": "--path", "phases": "ident resonance", "errors": "ident resonance"}
-"""Options that the next command needs for the same motion, each with the command or flag that does not take it."""
 R = TypeVar("R")
 """Return type of such a method."""
 
@@ -84,17 +76,6 @@ def _finite(value: Any) -> bool:
 def silent(description: str, total: int | None = None) -> Wrap:
     """Show nothing."""
     return iter
-
-
-FOLDER = ContextVar("FOLDER", default=Path("out"))
-"""The folder of the files that a report's next command names."""
-
-
-@contextmanager
-def kept_in(folder: Path) -> Iterator[None]:
-    """Let reports made inside this context name files in this folder."""
-    with within(FOLDER, folder):
-        yield
 
 
 LONG = ("sample", "diagnose", "fleet")
@@ -346,36 +327,7 @@ class Result(Reported):
     def sections(self) -> "Report":
         """Return the report of the result: verdict, tables, findings, details."""
         report: Report = self._present("_report", "sections")
-        return replace(report, next=self._command(report.next))
-
-    def _command(self, words: str) -> str:
-        """Return the next command with files for `{arm}`, `{campaign}`, `{trace}`, `{runs}` and `{result}`."""
-        if not words:
-            return ""
-        inputs, kinds = self.inputs, ("arm", "campaign", "trace", "runs")
-        paths = {name: getattr(inputs.get(name), "path", "") for name in kinds}
-        files = {name: as_word(path or name.upper()) for name, path in paths.items()}
-        if all(map(paths.get, kinds[:2])) and Path(paths["arm"]) != Path(paths["campaign"]).parent / "arm.toml":
-            files["campaign"] += f" --arm {files['arm']}"
-
-        def filled_in(match: re.Match[str]) -> str:
-            name, end = match.groups()
-            if name is None:  # doubled braces become single ones
-                return match[0][0]
-            return as_word(f"{FOLDER.get() / self.name}{end}") if name == "result" else files[name] + end
-
-        filled = re.sub(r"\{\{|\}\}|\{(arm|campaign|trace|runs|result)\}([.\w]*)", filled_in, words)
-        options, moved = vars(self)["options"], words.split()[2:3] == ["{arm}"]
-        given = {name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words}
-        texts = {name: ":".join(map("{:g}".format, x)) if name == "errors" and x else x for name, x in given.items()}
-        filled += "".join(f" --{name} {text}" for name, text in texts.items() if text not in (None, "unknown"))
-        columns = getattr(options, "columns", {}) if moved or "{trace}" in words or "{runs}" in words else {}
-        filled += f" --columns {as_word(columns_in_words(columns))}" if columns else ""
-        changed = getattr(options, "set", {}) if moved else {}
-        filled += "".join(f" --set {path}={value!r}" for path, value in changed.items())
-        posed = any(getattr(options, name, None) for name in SAME_PROBLEM)
-        again = "{campaign}" in words or "{result}.csv" in words
-        return f"{filled}  (with the same options)" if posed and again else filled
+        return replace(report, next=next_command(report.next, self.inputs, vars(self)["options"], self.name))
 
     def figures(self, ax: "Axes | None" = None) -> Figures:
         """Return matplotlib figures by name; the main one has the study's name, and files without a further word.

@@ -5,6 +5,7 @@
 prints how far MuJoCo, Pinocchio and ident are from one another in a second of motion.
 """
 
+import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -369,6 +370,7 @@ def by_ident(arm: Arm, table: MotionTable, times: np.ndarray, start: np.ndarray,
 
 def main() -> None:
     """Compare the three in the first second of the paper's motion at 10 %."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     import jax
 
     jax.config.update("jax_enable_x64", True)

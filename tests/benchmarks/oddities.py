@@ -3,6 +3,7 @@
 python tests/benchmarks/oddities.py
 """
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -24,6 +25,7 @@ SOUND = 300
 
 def main() -> None:
     """Print a row for each kind of mistake, and the rate of false warnings."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     arms = [read_arm(path) for path in ARMS]
     print(f"{'mistake':44s} {'made':>6s} {'seen':>6s} {'named':>6s}")
     for kind, (fields, factor) in KINDS.items():

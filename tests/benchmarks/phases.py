@@ -1,7 +1,7 @@
 """What unknown phases of the turning masses do to the vibration: `python tests/benchmarks/phases.py [ARM] [--draws N]`.
 
-Simulates the stroke at 10 % by the fast method with random phases: of the arm as it is, and with the remedy of the
-README, joint 1 stiffer in torsion by 57 %.
+Simulates the stroke at 10 % by the fast method with random phases: of the arm as it is, and with
+joint 1 stiffer in torsion by 57 %.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from ident.vibrate.simulate import simulate
 
 ARM = Path(__file__).parents[2] / "data" / "lcd_arm" / "arm.toml"
 REMEDY, LIMIT = {"joint1.k_tors": 1.57}, 5e-4
-"""Factors of the README's remedy, and the limit [m] that it is to keep."""
+"""Factors of that remedy, and the limit [m] that it is to keep."""
 TOGETHER, RATE = 50, 250.0
 """Sets of phases that are simulated at a time, and samples a second."""
 

@@ -5,6 +5,7 @@ four deflections alone. six: twelve stiffnesses of a random six-axis arm by four
 twenty postures. Each is sampled until 2000 effective samples, by chains that can be trusted; the fit is made before.
 """
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -64,11 +65,14 @@ def six() -> InverseProblem:
     return eqx.tree_at(lambda p: (p.measured, p.sigma), posed, (jnp.asarray(data), jnp.asarray(sigma)))
 
 
-def main(names: list[str]) -> None:
+def main() -> None:
     """Sample each, and print what it took."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", default=["table1", "deflections", "six"])
+    names = parser.parse_args().names
     print(machine())
     print(f"{'':14s}  wall s   CPU s   steps   tau     ESS    R-hat  accepted  enough")
-    for name in names or ["table1", "deflections", "six"]:
+    for name in names:
         problem = {"table1": table1, "deflections": deflections, "six": six}[name]()
         found = fit(problem)
         wall, cpu = time.perf_counter(), time.process_time()
@@ -82,4 +86,4 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -4,6 +4,7 @@ Chains of springs whose stiffnesses several sets of values explain. For each of 
 first 16 starts alone. All optima that any search has met count as those that there are.
 """
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -33,6 +34,7 @@ NEAR = 1e-2
 
 def main() -> None:
     """Print for each chain how many of its optima are missed, and what the search costs."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print("chain          optima  missed by 16 starts  missed by fit  starts of fit  s a fit")
     for name, truth in CHAINS.items():
         problem = storey_problem(np.array(truth), width=np.inf)

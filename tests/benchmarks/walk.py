@@ -6,6 +6,7 @@ TREE is the checkout whose package is walked through; an older one may be of ano
 checkout. What is left out is the ground, which every file calls: errors, units, texts, files, compiled programs.
 """
 
+import argparse
 import contextlib
 import sys
 import threading
@@ -71,7 +72,9 @@ def room(path):
 
 
 if __name__ == "__main__":
-    for study in sys.argv[1:] or RUNS:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("study", nargs="*", default=RUNS)
+    for study in parser.parse_args().study:
         with contextlib.redirect_stdout(sys.stderr):
             found = pairs(RUNS[study])
         files = {path for pair in found for path in pair}

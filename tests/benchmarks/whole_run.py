@@ -5,6 +5,7 @@
 prints for both methods how far the displacement of the end point is from theirs, in each direction.
 """
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -36,6 +37,7 @@ def report(name: str, response: Response, theirs: np.ndarray) -> None:
 
 def main() -> None:
     """Compare from ident's state of rest, and from MuJoCo's equilibrium, which feels the weight of turning masses."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     jax.config.update("jax_enable_x64", True)
     arm = lcd_arm()
     motion = stroke(arm.stroke, percent=PERCENT, dwell=DWELL)

@@ -11,7 +11,7 @@ from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import read_campaign
-from ident.studies.result import kept_in
+from ident.studies.following import kept_in
 
 POSTURE = tuple(np.radians([30.0, -60.0, 30.0]))
 TABLE = """file,channel,role,point,direction,q1 [deg],q2 [deg],q3 [deg],load

@@ -16,7 +16,9 @@ import ident
 from ident.cli.command import write
 from ident.errors import InputError
 from ident.files import WRITTEN, replace_file
-from ident.studies.result import Alias, Result, kept_in, other_inputs
+from ident.studies.following import kept_in, next_command
+from ident.studies.options import Options
+from ident.studies.result import Alias, Result, other_inputs
 from ident.text import study_of
 
 UNKNOWN = "not known to be as ident wrote it"
@@ -184,14 +186,13 @@ def test_python_replaces(tmp_path):
 
 
 def test_the_next_command_names_files_in_the_folder_that_is_written():
-    result, words = SimpleNamespace(inputs={}, name="an arm.design", options=None), "ident simulate {result}.toml"
-    assert Result._command(result, words) == "ident simulate 'out/an arm.design.toml'"
+    design = {}, Options(), "an arm.design"
+    assert next_command("ident simulate {result}.toml", *design) == "ident simulate 'out/an arm.design'.toml"
     with kept_in(Path("new")):
-        assert Result._command(result, words) == "ident simulate 'new/an arm.design.toml'"
-    both = SimpleNamespace(inputs={}, name="arm.plan", options=None)
-    assert (
-        Result._command(both, "fill in {result}.csv, then: {{x}}, {arm}") == "fill in out/arm.plan.csv, then: {x}, ARM"
-    )
+        shown = next_command("ident simulate {result}.toml", *design)
+    assert shown == "ident simulate 'new/an arm.design'.toml --out new"
+    shown = next_command("fill in {result}.csv, then: {{x}}, {arm}", {}, Options(), "arm.plan")
+    assert shown == "fill in out/arm.plan.csv, then: {x}, ARM"
 
 
 RESULTS = [

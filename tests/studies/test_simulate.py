@@ -188,11 +188,12 @@ def test_a_shorter_step_brings_the_same():
 
 
 def test_the_next_command_computes_the_same_motion():
-    """What it does not take, it is not given: resonance knows no phases and no transmission error."""
+    """Without a limit at other speeds, beyond one with the speeds that keep it."""
     more = {"profile": "cycloid", "phases": "file", "errors": (30.0, 60.0), "method": "fast"}
-    resonance, design = (simulate(FILE, SimulateOptions(**SHORT, **more, limit=x)).sections() for x in (None, 1e-6))
+    sweep, motion = (simulate(FILE, SimulateOptions(**SHORT, **more, limit=x)).sections() for x in (None, 1e-6))
     arm = DATA / "lcd_arm" / "arm.toml"
-    assert resonance.next == f"ident resonance {arm} --speed 200 --profile cycloid"
-    same = "--speed 200 --profile cycloid --phases file --errors 30:60"
-    assert design.next == f"ident design {arm} --limit 1e-06 {same}"
+    same = "--speed 200 --profile cycloid --dwell 0.5 --phases file --errors 30:60"
+    assert sweep.next == f"ident sweep {arm} --vary speed {same}"
+    assert motion.next == f"ident motion {arm} --limit 1e-06 {same}"
     assert "--phases" not in simulate(FILE, replace(FAST, limit=1e-6)).sections().next
+    assert not simulate(FILE, replace(FAST, limit=1e3)).sections().next, "nothing is left to do"

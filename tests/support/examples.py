@@ -31,7 +31,7 @@ class Example(NamedTuple):
     def commands(self) -> list[list[str]]:
         """What is called, each as a list of words; `a && b` is two."""
         parts = [part for line in self.text.splitlines() for part in line.split(" && ")]
-        return [shlex.split(part.replace(".venv/bin/", "")) for part in parts if part.strip()]
+        return [shlex.split(part.replace(".venv/bin/", ""), comments=True) for part in parts if part.strip()]
 
 
 def pages() -> list[Path]:

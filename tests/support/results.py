@@ -11,7 +11,7 @@ from reports import without_number
 
 import ident
 from ident.report.document import plain
-from ident.studies.result import kept_in
+from ident.studies.following import kept_in
 from ident.text import NEWEST
 
 RESULTS = Path(__file__).parents[1] / "data" / "results" / str(NEWEST)

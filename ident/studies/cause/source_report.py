@@ -35,13 +35,15 @@ def source_sections(study: "SourceStudy") -> Report:
     """Return the report of the sources of an arm."""
     problem = study.found.problem
     what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
+    balanced = any(each.told and each.source.kind == IMBALANCE for each in study.found.estimates)
+    following = "ident balance {result}.json" if balanced else "ident simulate {arm} --posterior {result}.json"
     return Report(
         f"Excitation of {cut(problem.arm.name, 40)} from {what}",
         source_verdict(study),
         (estimates(study),),
         tuple(source_findings(study)),
         remark=_remark(study),
-        next="" if not study.usable else "ident simulate {arm} --posterior {result}.json",
+        next=following if study.usable else "",
         details=tuple(_details(study)),
     )
 
@@ -317,7 +319,7 @@ def run_plan_sections(plan: "RunPlan") -> Report:
         f"Planned runs of {cut(problem.arm.name, 40)}: {what} of {count} possible sources",
         verdict,
         (table, first) if further else (table,),
-        next="ident source {runs} --arm {arm}",
+        next="measure them, then: ident source {runs} --arm {arm}",
         details=(Section("Further runs", (every,)),) if further else (),
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from ident.files import write_text
 from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, by_head, cut, short_power
 from ident.report.words import MM, counted, in_shown_unit, unit_of, value_in_words
-from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
+from ident.studies.basis import all_findings, assumed_section, motion_section, subject
 from ident.studies.cure.design_study import DesignStudy, bound_of, keeps, same, unchanged
 from ident.studies.working.sweep_report import change_in_words, mm
 from ident.text import one_line
@@ -56,7 +56,7 @@ def _sensitivities_alone(study: DesignStudy) -> Report:
             sensitivity_table(study.sensitivities, draws=study.draws, further="are in the result file"),
         ),
         findings=tuple(all_findings(study.basis)),
-        next=f"ident design {{arm}}{same_motion(study.basis)}",
+        next="choose what may change, then: ident design {arm} --change NAME",
         details=(_motion(study), *[every] * (count > STRONGEST), *assumed_section(study.basis)),
     )
 
@@ -139,9 +139,8 @@ def _verdict(study: DesignStudy, design: Design) -> Verdict | None:
 
 
 def _next(study: DesignStudy, design: Design, verdict: Verdict | None) -> str:
-    again = f"ident design {{arm}}{same_motion(study.basis)}"
     if verdict is not None and verdict.kind == "bad":
-        return f"{again} --sensitivities"
+        return "ident design {arm} --sensitivities"
     if unchanged(design.best) or not study.basis.arm_file.path:
         return ""
     return "ident simulate {result}.toml"

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +27,6 @@ from ident.studies.basis import (
     assumed,
     basis_findings,
     gear_words,
-    same_motion,
     subject,
     transmission_finding,
     without_transmission_error,
@@ -241,14 +240,14 @@ def remedy_command(diagnosis: "Diagnosis") -> str:
     """Return the command that carries out the remedy that holds, on the medians of the draws; else a search."""
     basis, best = diagnosis.task.basis, diagnosis.advised
     study, sets = "motion" if _has_schedule(diagnosis) else "design", dict(basis.changed)  # the former changes no part
+    changed = ""
     if best and diagnosis.verdict == "warn":
         if best.rotors:
             return "ident source {runs} --arm {arm}"  # and ident balance with its result
         study, sets = "motion" if best.schedule else "simulate", sets | best.values
-        basis = replace(basis, percent=best.percent)
-    values = "".join(f" --set {path}={value:.6g}" for path, value in sets.items())
-    posterior = f"--limit {MM * diagnosis.task.limit:g} --posterior {{result}}.nc"
-    return f"ident {study} {{arm}} {posterior}{same_motion(basis)}{values}"
+        changed = f" --speed {best.percent:g}" * (best.percent != basis.percent)
+    changed += "".join(f" --set {path}={value:.6g}" for path, value in sets.items())
+    return f"ident {study} {{arm}} --limit {MM * diagnosis.task.limit:g} --posterior {{result}}.nc{changed}"
 
 
 def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:

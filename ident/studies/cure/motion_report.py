@@ -1,7 +1,6 @@
 """The report of motions along one path, its table, and the joint path as a file."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ from ident.files import replace_file
 from ident.measure.table import csv_text, guarded
 from ident.report.report import Finding, Report, Section, Table, Verdict, by_head
 from ident.report.words import MM, counted
-from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
+from ident.studies.basis import all_findings, assumed_section, motion_section, subject
 from ident.studies.cure.motion_study import LIMITS, TOUCHED, Candidate
 from ident.studies.cure.remedies import CONFIDENT
 
@@ -99,9 +98,8 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
 def _next(motions: "MotionStudy") -> str:
     best = motions.recommended
     if best is None or best.kind != "along the path":
-        return f"ident design {{arm}}{same_motion(motions.basis)}" if best is None else ""
-    others = same_motion(replace(motions.basis, percent=10.0, log=None)).replace(" --retract", "")
-    return f"ident simulate {{arm}} --path {{result}}.csv{others}"
+        return "ident design {arm}" if best is None else ""
+    return "ident simulate {arm} --path {result}.csv"
 
 
 def _details(motions: "MotionStudy") -> Iterator[Section]:

@@ -1,7 +1,7 @@
 """An arm by itself: its picture, the plausibility checks of its numbers, and its names."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import degrees, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ident.files import together, write_text
 from ident.report.report import Report
 from ident.studies import STUDIES, module_of
+from ident.studies.following import next_command
 from ident.studies.options import Options, flag_of, specs
 from ident.studies.result import Reported, alias
 from ident.studies.shared import as_file, check_posture
@@ -49,7 +50,8 @@ class ArmPicture(Reported):
         """Return the report of `ident show`."""
         from ident.studies.look.show_report import show_sections
 
-        return show_sections(self.view)
+        report = show_sections(self.view)
+        return replace(report, next=next_command(report.next, {"arm": self.view.arm_file}, Options(), self.name))
 
     def document(self) -> dict[str, Any]:
         """Return for programs the implausible numbers, masses [kg], reach [m] and natural frequencies [Hz]."""

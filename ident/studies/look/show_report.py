@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm.fields import STIFFNESS, fields_in
 from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut, kept
 from ident.report.words import counted, degrees, sentence
-from ident.text import as_word, by_key
+from ident.text import by_key
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -38,7 +38,7 @@ def show_sections(view: "ArmView") -> Report:
         (_modes(view.analysis),) if view.analysis else (),
         (*failed, *map(Finding, found)),
         sag,
-        "" if odd or failed else f"ident plan --arm {as_word(view.arm_file.path or 'ARM')}",
+        "" if odd or failed else "ident plan --arm {arm}",
         (Section("Joints", (axes,)), Section("Numbers", (numbers,))),
     )
 

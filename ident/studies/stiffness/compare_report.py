@@ -51,7 +51,7 @@ def _next(comparison: "Comparison") -> str:
     if not isinstance(after, CampaignFit):
         return "ident fit CAMPAIGN"
     path = as_word(after.campaign.path or "CAMPAIGN").replace("{", "{{").replace("}", "}}")
-    return f"ident {'diagnose' if comparison.change.seen and after.arm.stroke else 'plan'} {path}"
+    return f"ident diagnose {path}" if comparison.change.seen and after.arm.stroke else f"ident plan {path}"
 
 
 def _campaigns(comparison: "Comparison") -> str:

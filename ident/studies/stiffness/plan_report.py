@@ -42,12 +42,13 @@ COLUMNS = 4
 def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Report:
     """Return the report of a plan."""
     batch = _batch_table(plan, LISTED, gains=False) if plan.steps else "No experiment is needed."
-    then = "add its rows to the campaign and fit again" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
+    then = "add its rows, then: ident fit {campaign}" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
     if any(m.note.startswith("replace ") for m in plan.campaign()):
-        then = "replace the rows its notes name, add the rest, fit again"
-    following = "fill in {result}.csv, " + then if plan.steps else "ident validate {campaign}"
+        then = "replace rows as noted, add the rest, then: ident fit {campaign}"
+    onward = "ident resonance {arm}" if plan.arm.stroke else ""
+    following = "fill in {result}.csv, " + then if plan.steps else onward
     if plan.steps and plan.fit and plan.fit.doubts:
-        following = "check the causes that ident fit names; fill in {result}.csv, add it and fit again"
+        following = "check the causes, fill in {result}.csv, add its rows, then: ident fit {campaign}"
     campaign = plan.fit.campaign if plan.fit else None
     known = f"{counted(len(campaign), 'measurement')} of {cut(campaign.name, 30)}" if campaign else "the prior alone"
     return Report(

@@ -132,11 +132,13 @@ def _shortfall(result: "CampaignSample") -> str:
 def _next(result: "CampaignSample") -> str:
     word = _verdict(result).word
     if word == "NOT USABLE":
-        return "ident fit {campaign}"
+        return "check the causes that ident fit names, then: ident fit {campaign}"
     if _short_chains(result):
         steps = max(each.steps for each in result.sample.diagnosis)
         return f"the same command with --steps {steps + _more_steps(result)}"
-    return "ident validate {campaign}" if word.startswith("GOOD") else "ident plan {campaign}"
+    if not word.startswith("GOOD"):
+        return "ident plan {campaign}"
+    return "ident resonance {arm} --posterior {result}.nc" if result.fitted.arm.stroke else ""
 
 
 # -------- Findings

@@ -25,7 +25,8 @@ FEW, ROWS = 6, 8
 def validate_sections(validation: "Validation") -> Report:
     """Return the report of a validation."""
     fit, absolute = validation.fit, _absolute_kinds(validation)
-    following = "ident fit" if validation.missed or fit.doubts else "ident sample" if validation.told else "ident plan"
+    again = "check these measurements, then: ident fit"
+    following = again if validation.missed or fit.doubts else "ident sample" if validation.told else "ident plan"
     return Report(
         f"Cross-validation of {cut(fit.arm.name, 30)} on {cut(fit.campaign.name, 30)}: "
         f"{len(validation.parts)} {PARTS[validation.leave]}, each predicted by a fit to the others",

@@ -12,7 +12,6 @@ from ident.studies.basis import (
     assumed_section,
     assumption_findings,
     basis_findings,
-    same_motion,
     subject,
     without_transmission_error,
 )
@@ -113,7 +112,7 @@ def resonance_sections(
         _verdict(branches, groups, margin),
         (crossings_table(branches, groups[:LISTED], note),) if groups else (),
         tuple(_findings(basis, branches, excitation)),
-        next=f"ident simulate {{arm}}{same_motion(basis)}",
+        next="ident simulate {arm}",
         details=tuple(_details(basis, branches, excitation, groups, margin)),
     )
 

@@ -15,7 +15,6 @@ from ident.studies.basis import (
     basis_findings,
     motion_section,
     passage_findings,
-    same_motion,
     subject,
     transmission_finding,
     without_transmission_error,
@@ -45,16 +44,16 @@ def simulate_sections(simulation: "Simulation") -> Report:
     motion = simulation.response.motion
     held = float(motion.breaks[-1]) - motion.arrival
     dwell = f", then held for {held:.4g} s" if held else ""
-    limit, following = simulation.limit, "ident resonance {arm}" if simulation.arm.drives else ""
-    if limit is not None and simulation.sizes.peak.max() > limit:
-        following = f"ident design {{arm}} --limit {MM * limit:g}"
+    limit, following = simulation.limit, "ident sweep {arm} --vary speed"
+    if limit is not None:
+        following = "ident motion {arm}" if simulation.sizes.peak.max() > limit else ""
     return Report(
         f"Vibration of {cut(simulation.point, 20)} of {subject(simulation.basis)}: {motion.arrival:.4g} s{dwell}",
         _verdict(simulation),
         tuple(_answer(simulation)),
         tuple(_findings(simulation)),
         _largest(simulation),
-        f"{following}{same_motion(simulation.basis)}" if following else "",
+        following,
         tuple(_details(simulation)),
     )
 

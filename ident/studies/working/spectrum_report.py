@@ -46,7 +46,7 @@ def _next(spectra: Spectra) -> str:
         return f"ident triage TRACE --path {{trace}} --arm {arm}"
     if spectra.modes is None:
         return "ident spectrum {trace} --arm ARM"
-    return "ident triage {trace} --path LOG --arm {arm}" if units else "ident resonance {arm}"
+    return "ident triage {trace} --path LOG --arm {arm}" if units else "ident sweep {arm} --vary speed"
 
 
 def _answer(spectra: Spectra) -> Iterator[Part]:

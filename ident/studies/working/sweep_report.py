@@ -12,7 +12,7 @@ from ident.files import write_text
 from ident.measure.table import csv_text, guarded
 from ident.report.report import Cell, Part, Report, Section, Table, Verdict, by_head, cut, short_power
 from ident.report.words import MM, counted, in_shown_unit, percent, unit_of, value_in_words
-from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
+from ident.studies.basis import all_findings, assumed_section, motion_section, subject
 from ident.vibrate.simulate import MEASURES
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import LINES, NOTABLE, Axis, Sweep, Trend, below, curve, trends
@@ -115,13 +115,12 @@ def sweep_sections(study: "SweepStudy") -> Report:
     """Return the report of a sweep."""
     names = " by ".join(cut(axis.name, 24) for axis in study.sweeps[0].axes)
     varied = f"map of {names}" if study.is_map else f"{counted(len(study.sweeps), 'parameter')}, one at a time"
-    limit = f" --limit {MM * study.limit:g}" if study.limit is not None and study.present.max() > study.limit else ""
     return Report(
         f"Sweep of {subject(study.basis)}: {varied}",
         _verdict(study),
         tuple(_answer(study)),
         tuple(all_findings(study.basis)),
-        next=f"ident design {{arm}}{limit}{same_motion(study.basis)}",
+        next="ident design {arm}",
         details=tuple(_details(study)),
     )
 

@@ -5,6 +5,8 @@ import re
 import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
+from examples import DOCS, ROOT
+from numbers_in_text import same_text
 from one_program import shown
 
 from ident.measure import Campaign, Load, Measurement
@@ -19,6 +21,9 @@ DRAWN = """(style) => {
 }"""
 """Whether a part of a line lies below the upper edge of its frame."""
 KEYS = "[...document.querySelectorAll('#{} li')].map((item) => item.textContent)"
+
+STATIC = DOCS / "static" / "arm.explore.html"
+"""The page of the manual; `docs/pictures.py explore` makes it."""
 
 
 def reading(value, mode=None):
@@ -115,3 +120,21 @@ def test_readings_at_rest_are_those_of_predict(tmp_path, browser_page):
     pulled = "3.5 kg @ tip + 6 N x @ tip + 8 N -y @ tip + 3 N z @ tip"
     assert rows[0] == [f"deflection of tip along 0 0.6 -0.8under {pulled}", value, value, "1.00 ± 0.01", "mm"]
     assert rows[-1] == ["twist of joint2glass less 1 kg @ tip", "0.000", "0.000", "1.00 ± 0.01", "mrad"]
+
+
+def test_the_page_of_the_manual_is_as_it_is_written_today(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    page = explore("data/lcd_arm/arm.toml", measured="data/lcd_arm/campaign.csv").page()
+    assert same_text(page, STATIC.read_text(encoding="utf-8"))
+    assert STATIC.stat().st_size < 200_000
+
+
+@pytest.mark.parametrize("size", [(1280, 900), (390, 844)], ids=["desktop", "phone"])
+def test_the_page_of_the_manual_opens(browser_page, size):
+    """Without a network, and as wide as the screen."""
+    with browser_page(STATIC, *size) as opened:
+        opened.page.wait_for_function("document.querySelectorAll('#modes tr').length", polling=100)
+        assert opened.page.evaluate(ROWS)[0]
+        assert not opened.complaints
+        assert opened.overhang <= 0
+        assert all(address.startswith("file:") for address in opened.requests)
