@@ -57,6 +57,7 @@ from ident.arm.mechanics import Phi, elastic, flat, inboard, unflatten
 from ident.arm.parts import CurvedSprings, Drive, ErrorOrder
 from ident.arm.rotations import (
     acceleration_map,
+    axes_before,
     axial,
     cross,
     left_jacobian,
@@ -72,7 +73,7 @@ from ident.arm.rotations import (
     turn_about,
     turned,
 )
-from ident.errors import refusal
+from ident.errors import require
 from ident.programs import AnyArray
 
 # -------- Multibody
@@ -249,9 +250,8 @@ def has_transmission_error(arm: Arm) -> bool:
 
 def refuse_moments(loads: Loads) -> None:
     """Refuse a load case with a moment: the equations of motion have forces alone."""
-    if loads.moment is not None:
-        remedy = "take two forces at two points of the body"
-        raise refusal("", "a moment", "payloads, masses and forces in motion", remedy, "load")
+    remedy = "take two forces at two points of the body"
+    require(loads.moment is None, "", "a moment", "payloads, masses and forces in motion", remedy, "load")
 
 
 def multibody(
@@ -541,8 +541,8 @@ def _frames(model: Multibody, q: Joints, phi: Phi, J: Array) -> tuple[Array, Arr
     for j in range(1, model.joints):
         shaft.append(matmul(link[-1], turn[:, :, j]))
         link.append(matmul(shaft[-1], pin[:, :, j]))
-    unit = jnp.broadcast_to(jnp.eye(3).reshape((3, 3) + (1,) * (turn.ndim - 3)), shaft[0].shape)
-    before, after = jnp.stack([unit, *link[:-1]], 2), jnp.stack(link, 2)
+    after = jnp.stack(link, 2)
+    before = axes_before(after)
     return before, jnp.stack(shaft, 2), after, total(inboard(model.joints), matvec(before, model.offset), 1)
 
 
