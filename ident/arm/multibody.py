@@ -57,7 +57,6 @@ from ident.arm.mechanics import Phi, elastic, flat, inboard, unflatten
 from ident.arm.parts import CurvedSprings, Drive, ErrorOrder
 from ident.arm.rotations import (
     acceleration_map,
-    axes_before,
     axial,
     cross,
     left_jacobian,
@@ -541,8 +540,8 @@ def _frames(model: Multibody, q: Joints, phi: Phi, J: Array) -> tuple[Array, Arr
     for j in range(1, model.joints):
         shaft.append(matmul(link[-1], turn[:, :, j]))
         link.append(matmul(shaft[-1], pin[:, :, j]))
-    after = jnp.stack(link, 2)
-    before = axes_before(after)
+    unit = jnp.broadcast_to(jnp.eye(3).reshape((3, 3) + (1,) * (turn.ndim - 3)), shaft[0].shape)
+    before, after = jnp.stack([unit, *link[:-1]], 2), jnp.stack(link, 2)
     return before, jnp.stack(shaft, 2), after, total(inboard(model.joints), matvec(before, model.offset), 1)
 
 
