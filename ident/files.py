@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
@@ -19,6 +20,22 @@ from ident.text import LOG, one_line
 
 if TYPE_CHECKING:
     import h5py
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """Reference to an input file, or to none.
+
+    Attributes:
+        path: its path, as given.
+        sha256: hexadecimal digest of its bytes; empty if it could not be read.
+        notes: what was taken from a program's convention, and done to the times.
+    """
+
+    path: str = ""
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+
 
 CLAIM = "run.lock"
 """File in a folder that a run has to itself: it holds the number of its process."""

@@ -156,10 +156,7 @@ _LABELS = {
 _NEWTONS = ("newton", "newtons", "newton(s)")
 _RATES = {"hz": "Hz", "khz": "kHz", "cps": "Hz", "cpm": "rpm"}
 """Labels of frequencies in lower case, cycles per second and minute; no MHZ, which may be milli or mega."""
-_AMBIGUOUS = {
-    "acceleration": dict.fromkeys(GRAVITIES, STANDARD_GRAVITY),
-    "force": dict.fromkeys(POUNDS, _POUND_FORCE),
-}
+_AMBIGUOUS = {"acceleration": dict.fromkeys(GRAVITIES, STANDARD_GRAVITY), "force": dict.fromkeys(POUNDS, _POUND_FORCE)}
 _FACTOR = r"(?:°|[^\W\d]\w*)(?:(?:\^|\*\*)-?[0-9])?"
 # Checked before pint sees the text: pint would evaluate numbers, and 9**9**9 takes for ever.
 _EXPRESSION = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")

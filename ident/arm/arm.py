@@ -34,7 +34,7 @@ from ident.arm.parts import (
     Stroke,
     inertia_problems,
 )
-from ident.errors import Problem, refusal, refuse
+from ident.errors import Problem, refusal, refuse, require
 from ident.programs import AnyArray, library
 from ident.text import did_you_mean, one_line, quoted, table_lines
 from ident.units import stiffness_unit
@@ -441,9 +441,8 @@ class Arm(eqx.Module):
             raise refusal("workspace", "line and postures", "one of them", "drop one", "postures")
         given = [("line", where.line)] if where.line is not None else [("postures", each) for each in where.postures]
         for column, angles in given:
-            if len(angles) != count:
-                got, expected = f"{len(angles)} numbers", f"{count}, one for each driven joint"
-                raise refusal("workspace", got, expected, "give one for each joint", column)
+            got, expected = f"{len(angles)} numbers", f"{count}, one for each driven joint"
+            require(len(angles) == count, "workspace", got, expected, "give one for each joint", column)
         for posture in where.postures:
             for joint, angle in zip(self.driven, posture, strict=True):
                 low, high = map(math.degrees, joint.limits)
@@ -588,9 +587,8 @@ def check_size(joints: int, where: str) -> None:
     Raises:
         InputError: it is one, with where it comes from.
     """
-    if joints > MOST_JOINTS:
-        remedy = "leave out joints that hardly give: time and memory grow with the square of their number"
-        raise refusal(where, f"{joints} joints", f"at most {MOST_JOINTS}", remedy)
+    remedy = "leave out joints that hardly give: time and memory grow with the square of their number"
+    require(joints <= MOST_JOINTS, where, f"{joints} joints", f"at most {MOST_JOINTS}", remedy)
 
 
 def massless_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, str, str]]:

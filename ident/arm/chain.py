@@ -13,7 +13,7 @@ from ident.arm.arm import Arm
 from ident.arm.belts import pin_shares
 from ident.arm.fields import DAMPING, LOSS, STIFFNESS
 from ident.arm.parts import DIRECTIONS, STIFFNESS_OF, CubicSpring, CurvedSprings, Curves, Spring, bends
-from ident.arm.rotations import identity, matmul, matvec, outer, total, transpose, turn_about
+from ident.arm.rotations import axes_before, chained, identity, matmul, matvec, outer, total, transpose, turn_about
 from ident.errors import ModelError
 from ident.programs import AnyArray
 
@@ -236,8 +236,8 @@ class Chain(eqx.Module):
         alpha: (*batch) [1/s] damping per mass; None without any.
         curved: where springs are no straight lines; None where all are.
         motors: motors held by servos; without any, the pins are fixed.
-        couple: (3, P, *batch) [N m] moment at phi = 0 on the body of each named point, see `potential_energy`; None
-            where there is none.
+        couple: (3, P, *batch) [N m] moment at phi = 0 on the body of each named point, which turns along by half the
+            body's rotation (semitangential; one that keeps its direction has no potential); None where there is none.
         rigid: (3, 3, N, *batch) projectors on the directions in which bushings are rigid; None where all give.
         modes: number of elastic coordinates: 3 N less those directions.
     """
@@ -433,9 +433,5 @@ def _frames(arm: Arm, posture: Array) -> tuple[Array, Array]:
     """Return the axes of all shafts and of all links (3, 3, N, *batch) in the base frame."""
     angles, none = iter(posture), jnp.zeros_like(posture[:1]).sum(0)
     angle = jnp.stack([next(angles) if joint.driven else none for joint in arm.joints])
-    turn = turn_about(axes(arm, posture.ndim - 1), angle)
-    after = [turn[:, :, 0]]
-    for j in range(1, len(arm.joints)):
-        after.append(matmul(after[-1], turn[:, :, j]))
-    base = jnp.broadcast_to(identity(3, turn.ndim - 3), after[0].shape)
-    return jnp.stack([base, *after[:-1]], 2), jnp.stack(after, 2)
+    after = chained(turn_about(axes(arm, posture.ndim - 1), angle))
+    return axes_before(after), after

@@ -37,7 +37,9 @@ from ident.arm.chain import Chain, Motors
 from ident.arm.linalg import inverse_cholesky_factor
 from ident.arm.rotations import (
     acceleration_map,
+    axes_before,
     axial,
+    chained,
     curvature,
     identity,
     inertia_from_second_moment,
@@ -75,7 +77,7 @@ def forward_kinematics(chain: Chain, phi: Phi) -> ForwardKinematics:
     """Place the bodies of the chain, from the base outwards."""
     J = left_jacobian(phi)
     axes = _axes(phi, J)
-    before = _shift(axes)
+    before = axes_before(axes)
     centre = total(inboard(phi.shape[1]), matvec(before, chain.offset), 1)
     return ForwardKinematics(centre, axes, matmul(before, J), before)
 
@@ -83,25 +85,15 @@ def forward_kinematics(chain: Chain, phi: Phi) -> ForwardKinematics:
 @jax.custom_jvp
 def _axes(phi: Phi, J: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
     """Return the product of the rotations up to each bushing, J their left Jacobian; its rate is [w_0 + ... + w_j]."""
-    turn = rotation_by(phi, J)
-    after = [turn[:, :, 0]]
-    for j in range(1, phi.shape[1]):
-        after.append(matmul(after[-1], turn[:, :, j]))
-    return jnp.stack(after, 2)
+    return chained(rotation_by(phi, J))
 
 
 @_axes.defjvp
 def _axes_jvp(primals: tuple[Phi, Array], tangents: tuple[Phi, Array]) -> tuple[Array, Array]:
     (phi, J), (phi_dot, _) = primals, tangents
     axes = _axes(phi, J)
-    w = total(inboard(phi.shape[1]), matvec(_shift(axes), matvec(J, phi_dot)), 1)
+    w = total(inboard(phi.shape[1]), matvec(axes_before(axes), matvec(J, phi_dot)), 1)
     return axes, matmul(skew(w), axes)
-
-
-def _shift(axes: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
-    """Return for each bushing the axes of the body before it."""
-    base = jnp.broadcast_to(identity(3, axes.ndim - 2), axes[:, :, :1].shape)
-    return jnp.concatenate([base, axes[:, :, :-1]], 2)
 
 
 def point_positions(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:
@@ -123,25 +115,6 @@ def straight_positions(chain: Chain) -> Float[Array, "3 P *#batch"]:
     """Return where the named points are at phi = 0 [m]."""
     outwards = inboard(chain.offset.shape[1])[np.asarray(chain.carrier, dtype=int)]
     return total(outwards, chain.offset, 1) + chain.position
-
-
-def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
-    """Return V = -sum_j m_j g.r_j - sum f.r - sum m.a(R) + sum_j phi_j' K_j phi_j / 2 [J], and what curved springs add.
-
-    A moment m on a body that has turned by R works m.a(R), a(R) along the axis of R and as long as its angle's sine.
-    So do two crosswise pairs of forces of fixed direction in the plane of m. It turns along by half the rotation; a
-    moment that keeps its direction has no potential (Ziegler, "Principles of Structural Stability", 1968, 1.5:
-    semitangential moments).
-    """
-    at = forward_kinematics(chain, phi)
-    gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
-    moment = chain.mass * at.centre + matvec(at.axes, chain.moment)
-    weight = (gravity * moment).sum((0, 1))
-    pull = (chain.force * point_positions(chain, phi)).sum((0, 1))
-    if chain.couple is not None:
-        pull = pull + jnp.trace(_crossed(chain, at, chain.couple)).sum(0)
-    straight = (phi * matvec(chain.stiffness, phi)).sum((0, 1)) / 2 - weight - pull
-    return straight if chain.curved is None else straight + chain.curved.energy(phi).sum(0)
 
 
 def mass_matrix(chain: Chain, phi: Phi) -> Float[Array, "n n *#batch"]:
@@ -176,6 +149,11 @@ def potential_gradient(chain: Chain, phi: Phi) -> Float[Array, "n *#batch"]:
 
 def potential_derivatives(chain: Chain, phi: Phi) -> tuple[Float[Array, "n *#batch"], Float[Array, "n n *#batch"]]:
     """Return gradient [N m] and Hessian [N m/rad] of the potential energy.
+
+    V = -sum_j m_j g.r_j - sum f.r - sum m.a(R) + sum_j phi_j' K_j phi_j / 2, and what curved springs add. A moment m on
+    a body that has turned by R works m.a(R), a(R) along the axis of R and as long as its angle's sine: so do two
+    crosswise pairs of forces of fixed direction in the plane of m (Ziegler, "Principles of Structural Stability", 1968,
+    1.5: semitangential moments).
 
     With the virial T_j, the sum of (r - p_j) f' over the weights and forces that joint j moves, turning bushing j
     by w_j makes them work w_j . axial(T_j); turning a joint i further in by w_i carries r, and the rate W_j, along,

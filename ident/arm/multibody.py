@@ -72,7 +72,7 @@ from ident.arm.rotations import (
     turn_about,
     turned,
 )
-from ident.errors import refusal
+from ident.errors import require
 from ident.programs import AnyArray
 
 # -------- Multibody
@@ -249,9 +249,8 @@ def has_transmission_error(arm: Arm) -> bool:
 
 def refuse_moments(loads: Loads) -> None:
     """Refuse a load case with a moment: the equations of motion have forces alone."""
-    if loads.moment is not None:
-        remedy = "take two forces at two points of the body"
-        raise refusal("", "a moment", "payloads, masses and forces in motion", remedy, "load")
+    remedy = "take two forces at two points of the body"
+    require(loads.moment is None, "", "a moment", "payloads, masses and forces in motion", remedy, "load")
 
 
 def multibody(

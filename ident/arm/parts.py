@@ -464,23 +464,18 @@ class Curves(eqx.Module):
     angle: Float[Array, "2 N *#batch"]
     cubic: Float[Array, "N *#batch"]
 
-    def energy(self, s: Angle) -> Angle:
-        """Return the energy that is added [N m]."""
-        _, _, _, energy = self._ramps(s)
-        return (self.rise * energy).sum(0) + self.cubic * s * s / 4
-
     def secant(self, s: Angle) -> Angle:
         """Return the torque that is added, per angle [N m/rad]."""
-        x, _, ramp, _ = self._ramps(s)
+        x, _, ramp = self._ramps(s)
         return (self.rise * ramp / x).sum(0) + self.cubic * s
 
     def steepening(self, s: Angle) -> Angle:
         """Return by how much the tangent is above the secant, per square of the angle [N m/rad^3]."""
-        x, step, ramp, _ = self._ramps(s)
+        x, step, ramp = self._ramps(s)
         return (self.rise * (step - ramp / x) / x**2).sum(0) + 2 * self.cubic
 
-    def _ramps(self, s: Angle) -> tuple[Array, Array, Array, Array]:
-        """Return the angle, slope and height of both ramps there, and the area below them.
+    def _ramps(self, s: Angle) -> tuple[Array, Array, Array]:
+        """Return the angle, slope and height of both ramps there.
 
         Far below a ramp the angle stands still: nothing depends on it there, and it may be zero.
         """
@@ -490,8 +485,7 @@ class Curves(eqx.Module):
         beyond, u = jnp.maximum(u - 1, 0.0), jnp.clip(u, -1.0, 1.0)
         step = (2 + 3 * u - u**3) / 4
         ramp = (3 + 8 * u + 6 * u**2 - u**4) / 16
-        area = (4 + 15 * u + 20 * u**2 + 10 * u**3 - u**5) / 80
-        return x, step, half * (ramp + beyond), half**2 * (area + beyond + beyond**2 / 2)
+        return x, step, half * (ramp + beyond)
 
 
 class CurvedSprings(eqx.Module):
@@ -506,14 +500,6 @@ class CurvedSprings(eqx.Module):
     axis: Float[Array, "3 N *#batch"]
     bend: Curves | None
     tors: Curves | None
-
-    def energy(self, phi: Vectors) -> Angle:
-        """Return the energy of each bushing beyond that of its stiffness [N m]."""
-        across, along = self._parts(phi)
-        energy = jnp.zeros_like(along)
-        if self.bend is not None:
-            energy = energy + self.bend.energy((across * across).sum(0))
-        return energy if self.tors is None else energy + self.tors.energy(along * along)
 
     def torque(self, phi: Vectors) -> Vectors:
         """Return the torque of each bushing beyond stiffness times angle [N m]: the energy's gradient."""

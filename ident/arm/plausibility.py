@@ -71,9 +71,7 @@ class Oddity:
 
 
 def oddities(
-    arm: Arm,
-    extents: Mapping[str, Float[np.ndarray, "2 3"]] | None = None,
-    free: Collection[str] | None = None,
+    arm: Arm, extents: Mapping[str, Float[np.ndarray, "2 3"]] | None = None, free: Collection[str] | None = None
 ) -> tuple[Oddity, ...]:
     """Return the implausible numbers of an arm, one finding for each.
 

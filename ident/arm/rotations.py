@@ -205,3 +205,17 @@ def acceleration_map(w: Array, alpha: Array) -> Array:
     """Return the map from a vector fixed in a body to its second derivative, by the body's w and alpha."""
     turning = skew(w)
     return skew(alpha) + matmul(turning, turning)
+
+
+def chained(turn: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
+    """Return the products of rotations up to each joint, from the base outwards."""
+    after = [turn[:, :, 0]]
+    for j in range(1, turn.shape[2]):
+        after.append(matmul(after[-1], turn[:, :, j]))
+    return jnp.stack(after, 2)
+
+
+def axes_before(axes: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
+    """Return for each joint the axes of the body before it."""
+    base = jnp.broadcast_to(identity(3, axes.ndim - 2), axes[:, :, :1].shape)
+    return jnp.concatenate([base, axes[:, :, :-1]], 2)

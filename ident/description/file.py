@@ -26,7 +26,7 @@ from ident.description.rewriting import (
 )
 from ident.description.robot import JointsFile, Robot, beside, check_joints, read_joints, robot_root
 from ident.description.schema import BUSHING, SINGLE, ArmDocument, Origin, named, uncertain_numbers
-from ident.errors import ARM_FILE, InputError, Problem, refusal
+from ident.errors import ARM_FILE, InputError, Problem, refusal, refuse, require
 from ident.text import decode, one_line, read_bytes
 
 # -------- Robot file
@@ -150,8 +150,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
     where, expected = one_line(str(path)), "an arm description (TOML, URDF or MJCF)"
     data = read_bytes(path, expected)
     text = decode(data, where)
-    if not text.strip():
-        raise refusal(where, "an empty file", expected, "check the path")
+    require(text.strip(), where, "an empty file", expected, "check the path")
     digest = hashlib.sha256(data).hexdigest()
     if text.lstrip().startswith("<"):  # XML, and so no TOML
         return robot_arm(path, digest)
@@ -184,8 +183,7 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
             for p in error.problems:
                 loc = *places.get(p.where, (p.where,)), *filter(None, (p.column,))
                 problems.append(source.problem(loc, p.got, p.expected, p.remedy))
-    if problems:
-        raise InputError(sorted(problems, key=lambda problem: int(problem.where.rpartition(":")[2])))
+    refuse(sorted(problems, key=lambda problem: int(problem.where.rpartition(":")[2])))
     return document
 
 

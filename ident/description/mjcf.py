@@ -37,7 +37,7 @@ from ident.description.robot import (
     unclear_branch,
 )
 from ident.errors import InputError, Problem, placed, refusal, refuse, require
-from ident.text import NAME_RULE, one_line, read_bytes
+from ident.text import NAME_RULE, by_key, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")
 """Suffixes of a bushing's hinges: about the joint's axis, and about two directions across it."""
@@ -338,9 +338,8 @@ class _Tree:
         import mujoco
 
         bushings = _passed_over(model)
-        joints: dict[int, list[int]] = {}
-        for n in [n for n in range(model.njnt) if model.joint(n).name not in bushings]:
-            joints.setdefault(int(model.jnt_bodyid[n]), []).append(n)
+        own = [n for n in range(model.njnt) if model.joint(n).name not in bushings]
+        joints = by_key((int(model.jnt_bodyid[n]), n) for n in own)
         mover, after = [0], {0: list[int](), **{body: [] for body in joints}}
         for body in range(1, model.nbody):
             before = mover[model.body_parentid[body]]

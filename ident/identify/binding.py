@@ -10,10 +10,10 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads, body_axes
 from ident.arm.modes import parse_label
 from ident.arm.parts import Body
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refuse
 from ident.measure import Campaign, Load, Measurement
 from ident.measure.load import named_points
-from ident.text import did_you_mean
+from ident.text import by_key, did_you_mean
 
 # -------- Reference checks
 
@@ -38,8 +38,7 @@ def check_references(arm: Arm, campaign: Campaign) -> None:
         problems += [Problem(campaign.measurements[0].where, got, expected, "add or remove q columns", "posture")]
     if not len(campaign):
         problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _of_row(arm: Arm, m: Measurement) -> Iterator[Problem]:
@@ -61,16 +60,12 @@ def _of_row(arm: Arm, m: Measurement) -> Iterator[Problem]:
         label = parse_label(m.mode)
         if label is None or label.ordinal > _count(arm, m.drives):
             remedy = "name it so, or leave the field empty to match modes in ascending order"
-            expected = "a label such as 'vertical bending 1' or 'torsion 2'"
-            yield Problem(m.where, f"'{m.mode}'", expected, remedy, "mode")
+            yield Problem(m.where, f"'{m.mode}'", "a label such as 'vertical bending 1' or 'torsion 2'", remedy, "mode")
 
 
 def _of_states(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
     """Yield states with more frequencies than the arm has modes: each unlabelled one belongs to another mode."""
-    states: dict[tuple[tuple[float, ...], Load, str], list[Measurement]] = {}
-    for m in campaign.of_kind("frequency"):
-        states.setdefault((m.posture, m.load, m.drives), []).append(m)
-    for (*_, drives), own in states.items():
+    for (*_, drives), own in by_key(((m.posture, m.load, m.drives), m) for m in campaign.of_kind("frequency")).items():
         modes = _count(arm, drives)
         blank = [m for m in own if not m.mode]
         labels = {label for m in own if (label := parse_label(m.mode or "")) and label.direction and label.kind}
@@ -119,8 +114,7 @@ def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
         for _, _, point, body in load.own:
             remedy = "give it in the base frame: as the arm moves, the body turns"
             problems += [Problem("", f"a load at {point} along the axes of {body}", "a posture", remedy, "load")]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return load_columns(arm, loads)
 
 

@@ -18,7 +18,7 @@ from ident.arm.chain import Loads, at_posture
 from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import AMBIGUOUS, Label, labels_of_shares, modes_about, torsion_share, vertical_share
 from ident.arm.parts import Point
-from ident.errors import ModelError, refusal
+from ident.errors import ModelError, require
 from ident.identify.instruments import RESOLUTION, Instruments
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.unknowns import scaled_bodies, with_numbers
@@ -451,8 +451,7 @@ def hammer_plans(
     Raises:
         InputError: fewer than two channels.
     """
-    if sensors < 2:
-        raise refusal("", f"{sensors}", "two channels or more", "one channel tells no modes apart", "sensors")
+    require(sensors >= 2, "", f"{sensors}", "two channels or more", "one channel tells no modes apart", "sensors")
     placed = with_pins(arm)
     states = dict.fromkeys((each.posture, each.load) for each in batch if each.hammer)
     return tuple(hammer_plan(placed, *state, modes=modes, sensors=sensors, noise=noise) for state in states)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.parts import DIRECTIONS, CubicSpring, Spring
-from ident.errors import refusal
+from ident.errors import require
 from ident.identify.data_checks import check_values, contradictory_repeats
 from ident.identify.label_checks import LabelDoubt, changing_labels, label_doubts
 from ident.identify.predict import bushing_moments
@@ -168,10 +168,9 @@ def check_campaign(
         labels = beside.submit(label_doubts, posed)  # its program is compiled while the other one is
         check_values(posed, trusted)
         checked = check(posed.problem, seed=seed)
-        if checked.blind:
-            got = "no measurement that depends on any of the unknowns"
-            remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
-            raise refusal(campaign.path, got, "some information on one at least", remedy)
+        got = "no measurement that depends on any of the unknowns"
+        remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
+        require(not checked.blind, campaign.path, got, "some information on one at least", remedy)
         compared = posed.with_unknowns(unknowns.with_prior).problem
         return CampaignCheck(
             **vars(checked),

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import stiffness_paths
-from ident.errors import refusal
+from ident.errors import require
 from ident.identify.damping import mode_of
 from ident.identify.fit import CampaignFit
 from ident.inference.change import Change, Estimate, change, independent_change
@@ -157,7 +157,6 @@ def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
     if unknown := [name for name in same if name not in names]:
         raise no_such("same", unknown[0], names, "name one of them")
     changing = [name for name in names if name not in same]
-    if not changing:
-        got, expected = "no stiffness that both have fitted", "one or more that may have changed"
-        raise refusal("second", got, expected, "fit both campaigns with the same unknowns")
+    got, expected = "no stiffness that both have fitted", "one or more that may have changed"
+    require(changing, "second", got, expected, "fit both campaigns with the same unknowns")
     return changing

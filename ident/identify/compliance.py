@@ -14,7 +14,7 @@ from ident.arm.chain import Loads, at_posture, carriers, link_axes
 from ident.arm.compliance import point_compliance
 from ident.arm.mechanics import point_positions, point_rotations, static_equilibrium
 from ident.arm.rotations import matmul
-from ident.errors import refusal
+from ident.errors import require
 from ident.identify.binding import bind_loads, in_base_axes
 from ident.identify.modal_analysis import ModalAnalysis, Servo, servo_of
 from ident.programs import in_batches, jit
@@ -80,9 +80,8 @@ def tool_compliance(
     """
     arm, posture, names = analysis.arm, analysis.posture, [each.name for each in analysis.arm.points]
     name = point or names[-1]
-    if name not in names:
-        remedy = did_you_mean(name, names, "correct the name, or add it to the arm file")
-        raise refusal("point", quoted(name), f"one of {', '.join(names)}", remedy)
+    remedy = did_you_mean(name, names, "correct the name, or add it to the arm file")
+    require(name in names, "point", quoted(name), f"one of {', '.join(names)}", remedy)
     loads, held = bind_loads(arm, [in_base_axes(arm, posture, analysis.load)]), jax.device_put(np.array([posture]).T)
 
     def solved(numbers: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -40,6 +40,7 @@ from ident.inference.problem import Data
 from ident.measure import DEFINITIONS, Campaign, Load, Measurement
 from ident.measure.campaign import ROUNDING
 from ident.measure.kinds import DIFFERENCES, POSITIONS, RAMPS, ROTATIONS, SHAPES, TWISTS
+from ident.text import by_key
 
 # -------- Definitions
 # What a measured frequency is of its damped mode: undamped, of the pole, damped, or of a peak; see `DEFINITIONS`.
@@ -271,9 +272,7 @@ class Shapes(eqx.Module):
 
 def shapes_of(arm: Arm, rows: Sequence[Measurement]) -> Shapes | None:
     """Return rows of shapes as the model needs them; None for none."""
-    whole: dict[tuple[object, ...], list[Measurement]] = {}
-    for m in rows:
-        whole.setdefault(_shape(m), []).append(m)
+    whole = by_key((_shape(m), m) for m in rows)
     if not whole:
         return None
     names, size = [point.name for point in arm.points], 1 + max(map(len, whole.values()))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.fields import STIFFNESS
@@ -26,7 +26,7 @@ from ident.inference.problem import InverseProblem
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement
 from ident.measure.kinds import DIFFERENCES, KINDS, POSITIONS, SHAPES
-from ident.text import quoted
+from ident.text import by_key, quoted
 from ident.units import NMM_PER_DEG, QUANTITIES, STANDARD_GRAVITY, si_factor
 
 READ_AT_REST = ("deflection", "deflection_difference", "rotation", "rotation_difference", "twist", "twist_difference")
@@ -98,17 +98,12 @@ class Expected(NamedTuple):
         slope, value = np.nan_to_num(np.asarray(here.jacobian)), np.array(here.predicted)
         moves = np.stack([slope * (1 - 1 / factor), slope * (1 - factor)])  # of contributions, by 1 / stiffness
         below, above = (np.linalg.norm((sign * moves).max(0).clip(0.0), axis=1) for sign in (-1, 1))
-        friction = _by_friction(campaign, value)
+        loops, sizes = np.abs(loop_places(campaign)).astype(int), np.nan_to_num(np.abs(value))
+        largest = np.zeros(loops.max(initial=0) + 1)
+        np.maximum.at(largest, loops, sizes)
+        friction = (loops > 0) & (sizes < largest[loops] / 2)  # so small that friction may explain them
         below[friction] = above[friction] = np.inf
         return cls(value, below, above, np.asarray(here.choice.cost))
-
-
-def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> Bool[np.ndarray, "D"]:
-    """Return which rows of ramps are so small, compared with their loop's largest, that friction may explain them."""
-    loops, sizes = np.abs(loop_places(campaign)).astype(int), np.nan_to_num(np.abs(predicted))
-    largest = np.zeros(loops.max(initial=0) + 1)
-    np.maximum.at(largest, loops, sizes)
-    return np.asarray((loops > 0) & (sizes < largest[loops] / 2))
 
 
 def _by_labels(problem: InverseProblem, campaign: Campaign) -> tuple[Expected, set[int]]:
@@ -248,10 +243,7 @@ def _merged(doubts: Sequence[_Doubt], posed: Posed, expected: Expected, trusted:
             rows = ", ".join(_row_name(campaign.measurements[i], i) for i in places)
             remedy = f"{looks}: correct it; {_right(ALL)}"
             return [Problem(where, f"{len(places)} rows in doubt ({rows})", "none", remedy, column)]
-    together: dict[tuple[object, ...], list[_Doubt]] = {}
-    for each in doubts:
-        together.setdefault(each.tag, []).append(each)
-    return [_of_all(own, campaign) for own in together.values()]
+    return [_of_all(own, campaign) for own in by_key((each.tag, each) for each in doubts).values()]
 
 
 def _of_all(doubts: Sequence[_Doubt], campaign: Campaign) -> Problem:
@@ -265,8 +257,7 @@ def _of_all(doubts: Sequence[_Doubt], campaign: Campaign) -> Problem:
         place = f"number {alike.index(m.value) + 1} of {len(alike)} modes" if alike[1:] else ""
         hint = f"it is taken as {place} without a label there: label repeats, or " * bool(place)
     more = f", and {len(rows)} more like it (row{'s' * (len(rows) > 1)} {', '.join(rows)})" if rows else ""
-    remedy = f"{hint}{first.remedy}; {_right(ALL if rows else name)}"
-    return replace(first, got=first.got + more, remedy=remedy)
+    return replace(first, got=first.got + more, remedy=f"{hint}{first.remedy}; {_right(ALL if rows else name)}")
 
 
 def _put_right(posed: Posed) -> Iterator[tuple[str, str, str, Posed]]:
@@ -323,12 +314,9 @@ def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
 
 def repeated(campaign: Campaign) -> list[list[int]]:
     """Return the rows of each measured quantity; frequencies without a label are in none."""
-    same: dict[Measurement, list[int]] = {}
-    for row, m in enumerate(campaign):
-        if m.kind not in BY_MODE or m.mode:
-            angles = tuple(round(angle, 5) for angle in m.posture)
-            blank: dict[str, Any] = {"value": 0.5, "sigma": 1.0, "resolution": 0.0, "repeat": "", "note": ""}
-            same.setdefault(replace(m, posture=angles, **blank), []).append(row)
+    blank: dict[str, Any] = {"value": 0.5, "sigma": 1.0, "resolution": 0.0, "repeat": "", "note": ""}
+    named = [(row, m) for row, m in enumerate(campaign) if m.kind not in BY_MODE or m.mode]
+    same = by_key((replace(m, posture=tuple(round(q, 5) for q in m.posture), **blank), row) for row, m in named)
     return [*same.values()]
 
 

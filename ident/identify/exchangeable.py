@@ -6,6 +6,7 @@ from itertools import combinations
 from ident.inference.scrutiny import Moves, Pair
 from ident.measure import Campaign, Measurement
 from ident.measure.kinds import SHAPES
+from ident.text import by_key
 
 MOST = 300
 """Most values for which all pairs are examined; of more, only pairs with one of the worst outliers."""
@@ -38,10 +39,8 @@ def moves_of(campaign: Campaign) -> Callable[[Pair], Moves]:
     A frequency without a label may get another order number in its new state, and so move others there.
     """
     rows, states = campaign.measurements, [_state(m) for m in campaign]
-    ascending: dict[tuple[object, ...], list[int]] = {}
-    for i in sorted(range(len(rows)), key=lambda i: rows[i].value):
-        if rows[i].kind == "frequency" and not rows[i].mode:
-            ascending.setdefault(states[i], []).append(i)
+    unnamed = [i for i, m in enumerate(rows) if m.kind == "frequency" and not m.mode]
+    ascending = by_key((states[i], i) for i in sorted(unnamed, key=lambda i: rows[i].value))
 
     def moves(pair: Pair) -> Moves:
         source = {pair[0]: pair[1], pair[1]: pair[0]}

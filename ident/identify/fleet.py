@@ -14,6 +14,7 @@ from scipy.stats import multivariate_t
 from ident.arm.arm import Arm
 from ident.arm.fields import STIFFNESS, field_of
 from ident.errors import InputError, ModelError, Problem, refusal
+from ident.files import SourceFile
 from ident.identify.fit import CampaignFit, fit_with_poles
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
@@ -34,25 +35,13 @@ from ident.inference.posterior import evaluate, posterior
 from ident.inference.priors import Prior
 from ident.inference.sample import Settings, sample
 from ident.measure import Campaign
+from ident.text import by_key
 
 FEWEST = 3
 """Least number of robots for a spread."""
 WIDEST = 10.0
 """Width in theta of the prior of a population's mean if the robots' own fits have none; wide enough to be
 uninformative."""
-
-
-@dataclass(frozen=True)
-class SourceFile:
-    """An input file of a robot's fit.
-
-    Attributes:
-        path: as given.
-        sha256: hexadecimal digest of its bytes; empty if it could not be read.
-    """
-
-    path: str = ""
-    sha256: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +65,8 @@ class Robot:
     """
 
     name: str = ""
-    campaign: SourceFile = SourceFile()
-    arm: SourceFile = SourceFile()
+    campaign: SourceFile = field(default_factory=SourceFile)
+    arm: SourceFile = field(default_factory=SourceFile)
     error: str = ""
     names: tuple[str, ...] = ()
     theta: Float[np.ndarray, "P"] = field(default_factory=lambda: np.zeros(0))
@@ -137,10 +126,7 @@ class Fleet:
     @property
     def standing_out(self) -> Mapping[int, tuple[int, ...]]:
         """Indices of significantly deviating stiffnesses, by the robot's index among the members; clearest first."""
-        out: dict[int, tuple[int, ...]] = {}
-        for robot, stiffness in self.deviations.named if self.deviations else ():
-            out[robot] = (*out.get(robot, ()), stiffness)
-        return out
+        return {r: tuple(own) for r, own in by_key(self.deviations.named if self.deviations else ()).items()}
 
 
 @dataclass(frozen=True)
@@ -187,6 +173,12 @@ class Linear:
     residuals: Float[np.ndarray, "D"]
     slope: Float[np.ndarray, "D U"]
 
+    @property
+    def normal_equations(self) -> tuple[Float[np.ndarray, "U U"], Float[np.ndarray, "U"]]:
+        """Precision of theta by the data alone, and the precision times their estimate."""
+        precision = self.slope.T @ self.slope
+        return precision, precision @ self.theta - self.slope.T @ self.residuals
+
 
 def linear(fit: Fit) -> Linear:
     """Return the linearisation of a fit at its optimum."""
@@ -210,8 +202,7 @@ def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Ro
     to be divided out.
     """
     places, others = stiffnesses.places, stiffnesses.others
-    precision = at.slope.T @ at.slope
-    shift = precision @ at.theta - at.slope.T @ at.residuals
+    precision, shift = at.normal_equations
     off, prior_slope = (np.asarray(part) for part in parameters.prior_residuals(at.theta))
     precision[others, others] += prior_slope[others] ** 2
     shift[others] += prior_slope[others] ** 2 * at.theta[others] - prior_slope[others] * off[others]
@@ -354,9 +345,7 @@ def _chains(found: Fit, own: Stiffnesses, under: Under, seed: int) -> Draws:
 
 def _parts(at: Linear, parameters: Parameters, stiffnesses: list[int]) -> list[Normal]:
     """Return the posteriors by linearised data: of a healthy robot, and with one stiffness after the other faulty."""
-    precision = at.slope.T @ at.slope
-    shift = precision @ at.theta - at.slope.T @ at.residuals
-    centre = parameters.theta_centre
+    (precision, shift), centre = at.normal_equations, parameters.theta_centre
     healthy = np.minimum(parameters.normal_sd, WIDEST)
     widths = [healthy, *(np.where(np.arange(len(healthy)) == i, FAULT, healthy) for i in stiffnesses)]
     covariances = [np.linalg.inv(precision + np.diag(width**-2.0)) for width in widths]

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import forward_kinematics, point_positions
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.measure import OWN_WEIGHT, Campaign, Load
 from ident.measure.covariance import COMMON
 from ident.programs import jit
@@ -55,8 +55,7 @@ class Instruments:
         if not 0 <= self.common <= MOST_COMMON:
             expected = f"a share from 0 to {MOST_COMMON:g}"
             raise refusal("common_share", f"{self.common:g}", expected, "0.5 for half of the variance")
-        if self.modes < 1:
-            raise refusal("modes", f"{self.modes}", "at least one", "ask for more")
+        require(self.modes >= 1, "modes", f"{self.modes}", "at least one", "ask for more")
 
 
 def relative_sigma(campaign: Campaign, given: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -84,9 +83,8 @@ def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float],
     for name, value in given.items():
         if name not in known:
             raise no_such(what, name, known, "name one of them")
-        if not above < value < np.inf:
-            expected = "a finite number above 0" if above == 0 else "a finite number >= 0"
-            raise refusal(what, f"{name}={value:g}", expected, "correct it")
+        expected = "a finite number above 0" if above == 0 else "a finite number >= 0"
+        require(above < value < np.inf, what, f"{name}={value:g}", expected, "correct it")
     return {**known, **given}
 
 
@@ -114,9 +112,8 @@ def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[
     """
     postures, sampled = all_postures(arm, step, seed)
     admitted = postures[may_be_held(arm, postures)]
-    if not len(admitted):
-        expected, remedy = "one posture at least", "check limits and [workspace], or take a smaller step (`step`)"
-        raise refusal(arm.name, "no posture that may be held", expected, remedy, "workspace")
+    expected, remedy = "one posture at least", "check limits and [workspace], or take a smaller step (`step`)"
+    require(len(admitted), arm.name, "no posture that may be held", expected, remedy, "workspace")
     return admitted, sampled
 
 
@@ -126,15 +123,13 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
     Raises:
         InputError: an invalid step, or a joint's limits entirely beyond a full turn.
     """
-    if not 0 < step <= 2 * math.pi:
-        got = f"a step of {math.degrees(step):g} deg"
-        raise refusal("", got, "a step above 0 and up to 360 deg", "give another step")
+    got = f"a step of {math.degrees(step):g} deg"
+    require(0 < step <= 2 * math.pi, "", got, "a step above 0 and up to 360 deg", "give another step")
     # the angles worth looking at: within the limits, one full turn at most
     spans = [(max(low, -math.pi), min(high, math.pi)) for low, high in (joint.limits for joint in arm.driven)]
     for joint, (low, high) in zip(arm.driven, spans, strict=True):
-        if low > high:
-            got = f"limits of {joint.name} that leave -180 to 180 deg out"
-            raise refusal(arm.name, got, "limits about zero", "shift the zero of the joint", "limits")
+        got = f"limits of {joint.name} that leave -180 to 180 deg out"
+        require(low <= high, arm.name, got, "limits about zero", "shift the zero of the joint", "limits")
     # margin at each limit: at most a quarter of the range
     margins = [(joint.limits, min(MARGIN, (joint.limits[1] - joint.limits[0]) / 4)) for joint in arm.driven]
     inner = [(low + margin, high - margin) for (low, high), margin in margins]
@@ -142,7 +137,10 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
     if listed:
         return np.array(listed), False
     if line is not None:
-        return np.outer(np.clip(_on_line(spans, line, step), *_shares(inner, line)), line) + 0.0, False
+        low, high = _shares(spans, line)
+        got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
+        require(high - low <= MOST * step, "", got, f"{MOST} postures at most", "give a larger step", "step")
+        return np.outer(np.clip(_multiples(low, high, step), *_shares(inner, line)), line) + 0.0, False
     if math.prod(max((high - low) / step - 1, 1.0) for low, high in spans) <= MOST:
         axes = [_multiples(low, high, step) for low, high in spans]
         if math.prod(map(len, axes)) <= MOST:
@@ -162,15 +160,6 @@ def _shares(spans: Sequence[tuple[float, float]], line: Sequence[float]) -> tupl
     """Return the range of a line's factor within the limits."""
     pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
     return max(low for low, _ in pairs), min(high for _, high in pairs)
-
-
-def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: float) -> list[float]:
-    """Return the multiples of a step within the range of a line's factor."""
-    low, high = _shares(spans, line)
-    if high - low > MOST * step:
-        got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
-        raise refusal("", got, f"{MOST} postures at most", "give a larger step", "step")
-    return _multiples(low, high, step)
 
 
 def may_be_held(arm: Arm, postures: Float[np.ndarray, "G joints"]) -> Bool[np.ndarray, "G"]:

@@ -27,7 +27,7 @@ from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.measure.joint_log import JointLog
 
 BLOCKS = 12
@@ -242,9 +242,8 @@ def _rows(
     """Return the columns of a log, filtered alike, at the samples at which the joint moves."""
     given, time, step = log.columns[name], log.time, log.interval
     sigma = sqrt(log_of(2)) / (2 * pi * setting.upto) / step
-    if sigma < 0.4:
-        got, expected = f"{1 / step:.4g} samples a second", f"at least {1 / step * 0.4 / sigma:.4g} for `upto`"
-        raise refusal(log.path, got, expected, "log faster, or lower `upto`")
+    got, expected = f"{1 / step:.4g} samples a second", f"at least {1 / step * 0.4 / sigma:.4g} for `upto`"
+    require(sigma >= 0.4, log.path, got, expected, "log faster, or lower `upto`")
     if 8 * sigma > len(time):  # a filter that takes all of the log, and without an end of memory
         lowest = setting.upto * 8 * sigma / len(time)
         got, expected = f"{len(time)} samples for `upto` {setting.upto:g} Hz", f"at least {lowest:.4g} Hz"
@@ -285,9 +284,8 @@ def _rows(
         moving &= np.roll(large, apart) & np.roll(large, -apart)
         moving &= np.roll(inside, apart) * np.roll(inside, -apart) > 0
     moving[:edge] = moving[len(time) - edge :] = False
-    if moving.sum() < FEWEST:
-        got, expected = f"{moving.sum()} samples in which {name} moves", f"at least {FEWEST}"
-        raise refusal(log.path, got, expected, "give a longer log, in which it moves to and fro", name)
+    got, expected = f"{moving.sum()} samples in which {name} moves", f"at least {FEWEST}"
+    require(moving.sum() >= FEWEST, log.path, got, expected, "give a longer log, in which it moves to and fro", name)
     return {term: column[moving] for term, column in rows.items()}
 
 

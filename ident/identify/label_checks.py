@@ -18,6 +18,7 @@ from ident.identify.predict import chains, mode_choice
 from ident.identify.problem import FREE, POINTS, Posed, labels_about
 from ident.inference.problem import InverseProblem
 from ident.programs import RUNS_ONCE, jit
+from ident.text import by_key
 
 NEAR = 0.05
 """Relative distance of two frequencies below which their order may change in the fit; assumed."""
@@ -54,10 +55,9 @@ def label_doubts(posed: Posed) -> tuple[LabelDoubt, ...]:
     """
     conditions, _, places = padded(posed.conditions)
     named, unnamed = conditions.named, conditions.unnamed
-    labels, m, rows = len(named.states), posed.campaign.measurements, dict[int, list[int]]()
-    for row, place in enumerate(places.tolist()):
-        rows.setdefault(place, []).append(row)
-    rows = {place: rows[place] for place in sorted(rows) if place < labels + len(unnamed.states)}
+    labels, m = len(named.states), posed.campaign.measurements
+    rows = dict(sorted(by_key((place, row) for row, place in enumerate(places.tolist())).items()))
+    rows = {place: own for place, own in rows.items() if place < labels + len(unnamed.states)}
     if not rows or not posed.arm.points:
         return ()
     modes, doubts = jax.device_get(_modes_of_states(posed.arm, conditions)), dict[int, LabelDoubt]()

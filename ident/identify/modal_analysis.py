@@ -15,7 +15,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, at_posture
 from ident.arm.mechanics import Phi, deflection, forward_kinematics, motion_of, point_positions, static_equilibrium
 from ident.arm.modes import Label, Modes, damped_eigenvalues, is_ambiguous, linearize, mode_labels, modes_about
-from ident.errors import ModelError, refusal
+from ident.errors import ModelError, refusal, require
 from ident.identify.binding import bind_loads, in_base_axes
 from ident.measure import DRIVE_STATES, OWN_WEIGHT, Load
 from ident.programs import jit
@@ -89,19 +89,16 @@ def modal_analysis(
             point, or a servo on that it does not have.
         ModelError: the arm has no stable equilibrium there.
     """
-    if len(posture) != len(arm.driven):
-        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        got = f"{len(posture)} joint angle" + "s" * (len(posture) != 1)
-        raise refusal("", got, expected, "give one angle for each joint", "posture")
-    if not arm.points:
-        remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
-        raise refusal(arm.name, "no point", "at least one", remedy)
+    expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+    got = f"{len(posture)} joint angle" + "s" * (len(posture) != 1)
+    require(len(posture) == len(arm.driven), "", got, expected, "give one angle for each joint", "posture")
+    remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
+    require(arm.points, arm.name, "no point", "at least one", remedy)
     if drives != DRIVE_STATES[0] and not arm.servos:
         remedy = "describe what holds the motors in the arm file, as [[servo]]"
         raise refusal("", drives, "brake, as the arm has no servo", remedy, "drives")
-    if not all(map(math.isfinite, posture)):
-        angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
-        raise refusal("", f"({angles}) deg", "finite angles", "correct the posture", "posture")
+    angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
+    require(all(map(math.isfinite, posture)), "", f"({angles}) deg", "finite angles", "correct the posture", "posture")
     posture = tuple(map(float, posture))
     solved = jax.tree.map(lambda x: x[..., 0], modal_solution(arm, posture, load, drives))
     solution = jax.device_get(solved)
@@ -131,11 +128,7 @@ def servo_of(drives: str) -> Servo:
 
 @jit
 def _outline(
-    arm: Arm,
-    posture: Float[Array, "driven"],
-    phi: Phi,
-    shapes: Float[Array, "n m"],
-    servo: Servo,
+    arm: Arm, posture: Float[Array, "driven"], phi: Phi, shapes: Float[Array, "n m"], servo: Servo
 ) -> tuple[Float[Array, "3 K"], Float[Array, "3 K m"]]:
     chain = at_posture(arm, posture, None, servo)
 

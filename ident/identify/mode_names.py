@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from ident.arm.arm import Arm
 from ident.arm.modes import Label, labels_of_shares, torsion_share, vertical_share
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.identify.modal_analysis import modal_solution
 from ident.inference.parameters import Parameters
 from ident.measure import OWN_WEIGHT, Load
@@ -195,10 +195,9 @@ def label_modes(
         arms = arm.replace(parameters.by_path(np.asarray(parameters.values(theta))))
         compared = [_compared(arms, test, sd) for test in tests]
         log = sum((each.log for each in compared), weight)
-        if not np.isfinite(log).any():
-            got, expected = "no draw of the prior that stands in all postures of the tests", "one at least"
-            remedy = "check postures and loads of the tests, and the arm's stiffnesses"
-            raise refusal(one_line(arm.name), got, expected, remedy)
+        got, expected = "no draw of the prior that stands in all postures of the tests", "one at least"
+        remedy = "check postures and loads of the tests, and the arm's stiffnesses"
+        require(np.isfinite(log).any(), one_line(arm.name), got, expected, remedy)
         share, first = shares(log), first or compared
         if sd == FREQUENCY_SD[-1] and enough(log):
             break

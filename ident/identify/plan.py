@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
-from ident.errors import refusal
+from ident.errors import require
 from ident.identify.binding import bind_loads
 from ident.identify.candidates import (
     CandidatePredictions,
@@ -40,6 +40,7 @@ from ident.inference.design import (
 )
 from ident.inference.parameters import Parameter, Parameters
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.text import by_key
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,7 @@ class PlanSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.count < 1:
-            raise refusal("count", f"{self.count}", "at least one experiment", "ask for more")
+        require(self.count >= 1, "count", f"{self.count}", "at least one experiment", "ask for more")
         self.instruments(Campaign())
 
     def instruments(self, campaign: Campaign) -> Instruments:
@@ -233,11 +233,8 @@ class CampaignPlan:
         """
         point, common = self.arm.points[-1].name, self.instruments.common
         old = self.fit.campaign.measurements if self.fit else ()
-        states: dict[tuple[int, int], list[Experiment]] = {}
-        for experiment in self.batch:
-            states.setdefault((experiment.place, experiment.case), []).append(experiment)
         rows = list[Measurement]()
-        for (place, case), experiments in states.items():
+        for (place, case), experiments in by_key(((each.place, each.case), each) for each in self.batch).items():
             parts = "hammer", "labelled", "dial"
             hammer, labelled, dial = (sum(getattr(v, part) for v in experiments) for part in parts)
             whole = replace(experiments[0], hammer=hammer > 0, labelled=labelled > 0, dial=dial > 0)
@@ -313,9 +310,8 @@ def plan_campaign(
         InputError: arm and settings do not match.
         ModelError: the arm has no stable equilibrium in any posture.
     """
-    if not arm.points:
-        remedy = "add a [[point]] at the arm's end: there deflection is read, and modes are named by how it moves"
-        raise refusal(arm.name, "no point", "at least one", remedy)
+    remedy = "add a [[point]] at the arm's end: there deflection is read, and modes are named by how it moves"
+    require(arm.points, arm.name, "no point", "at least one", remedy)
     instruments = settings.instruments(fit.campaign if fit else Campaign())
     loads = bind_loads(arm, instruments.loads)
     postures, sampled = posture_grid(arm, settings.step, seed=settings.seed)

@@ -36,6 +36,7 @@ from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 from ident.measure import Campaign, Measurement
 from ident.measure.kinds import POSITIONS
 from ident.programs import jit
+from ident.text import by_key
 
 # -------- Mode choice
 # Mode of each measured value, as a one-hot matrix, and selection by it.
@@ -231,8 +232,7 @@ def setup_parameters(campaign: Campaign, frames: Frames | None) -> tuple[Paramet
             # theta counts mm and mrad, or standard deviations
             scale, sd = (sigma, 1.0) if np.isfinite(sigma) else (STEP, np.inf)
             for axis, value in zip(AXES, start, strict=True) if sigma else ():
-                path = f"{SETUP}{name}.{part}{axis}"
-                found.append(Parameter((path,), False, value, value, sd, scale, nuisance=True))
+                found.append(Parameter((f"{SETUP}{name}.{part}{axis}",), False, value, value, sd, scale, nuisance=True))
     return tuple(found)
 
 
@@ -315,10 +315,8 @@ def _aligned(
 
 def _triads(rows: Sequence[tuple[Measurement, np.ndarray]]) -> Iterator[tuple[Measurement, np.ndarray, np.ndarray]]:
     """Yield readings along three directions as a vector in the frame, with the predicted vector."""
-    same: dict[Measurement, list[tuple[Measurement, np.ndarray]]] = {}
-    for m, vector in rows:
-        blank = replace(m, value=0.0, sigma=1.0, direction=(1.0, 0.0, 0.0), resolution=0.0, group="", member=0, note="")
-        same.setdefault(blank, []).append((m, vector))
+    blank: dict[str, Any] = {"value": 0.0, "sigma": 1.0, "resolution": 0.0, "group": "", "member": 0, "note": ""}
+    same = by_key((replace(m, direction=(1.0, 0.0, 0.0), **blank), (m, vector)) for m, vector in rows)
     for each in same.values():
         directions = np.array([m.direction for m, _ in each])
         if np.linalg.matrix_rank(directions, tol=0.1) == 3:
@@ -491,12 +489,7 @@ Solved = tuple[Modes | None, Float[Array, "K m S *batch"] | None]
 
 
 def _values(
-    chain: Chain,
-    at: StaticEquilibrium,
-    conditions: Conditions,
-    solved: Solved,
-    chosen: Array | None,
-    data: Data | None,
+    chain: Chain, at: StaticEquilibrium, conditions: Conditions, solved: Solved, chosen: Array | None, data: Data | None
 ) -> Float[Array, "D *batch"]:
     """Return all values, given all modes, their frequencies (`by_definition`) and the mode of each labelled value."""
     modes, table = solved

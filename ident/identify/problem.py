@@ -9,16 +9,17 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.errors import placed, refusal
+from ident.errors import placed, refusal, require
 from ident.identify.binding import check_references
 from ident.identify.conditions import Conditions, bind, loop_names, loop_parameters, loop_places, shared_error
 from ident.identify.predict import ArmModel, frames_of, setup_parameters, vectors_of
 from ident.identify.unknowns import (
+    LOAD,
     Unknowns,
-    check_measurable,
+    is_loaded,
     scaled_bodies,
     stiffness_parameters,
-    uncertain_parameters,
+    uncertain_parameter,
     without_damping,
 )
 from ident.inference.information import information
@@ -98,12 +99,8 @@ def pose(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> Pose
     """
     check_references(arm, campaign)
     ratios, campaign = campaign.of_kind("damping_ratio"), campaign.without("damping_ratio")
-    if not len(campaign):
-        expected, remedy = (
-            "frequencies or deflections, too",
-            "damping ratios tell nothing of a stiffness: add such rows",
-        )
-        raise refusal(ratios.path, "damping ratios alone", expected, remedy)
+    remedy = "damping ratios tell nothing of a stiffness: add such rows"
+    require(len(campaign), ratios.path, "damping ratios alone", "frequencies or deflections, too", remedy)
     conditions = bind(arm, campaign)
     if conditions.count > MOST_VALUES:
         states, rows = conditions.posture.shape[1], len(campaign)
@@ -117,8 +114,9 @@ def pose(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> Pose
 def _posed(campaign: Campaign, model: ArmModel, unknowns: Unknowns, ratios: Campaign) -> Posed:
     arm, widths = model.arm, unknowns.uncertain
     stiffnesses = stiffness_parameters(arm, without_damping(unknowns.named(arm)) if len(ratios) else unknowns)
-    check_measurable(widths, model.conditions.loads)
-    own, frames = uncertain_parameters(arm, widths), setup_parameters(campaign, model.frames)
+    if LOAD in widths and not is_loaded(model.conditions.loads):
+        raise refusal("uncertain", "load, and no row with a mass, force or moment", "one at least", "drop it")
+    own, frames = [uncertain_parameter(arm, *each) for each in widths.items()], setup_parameters(campaign, model.frames)
     model = replace(model, scaled=scaled_bodies(arm, widths))
     value, sigma, step = np.array([(m.value, m.sigma, m.resolution) for m in campaign], float).T
     groups = [(places, np.array(matrix)) for places, matrix in campaign.correlated]

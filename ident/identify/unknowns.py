@@ -15,7 +15,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.arm.fields import ALPHA, DAMPING, LOSS, field_of
 from ident.arm.parts import Body
-from ident.errors import placed, refusal
+from ident.errors import placed, refusal, require
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.text import did_you_mean, quoted
@@ -55,9 +55,8 @@ def parameter(
     positive = all((field := field_of(path)) and field.logarithmic for path in paths)
     flat, centre, start = 0.0, value, value if start is None else start
     if prior is not None:
-        if not positive:
-            got = f"a prior on ln({paths[0]}), which may be negative"
-            raise refusal("", got, "a number that is fitted as its logarithm", "free it (`free`) with a width")
+        got = f"a prior on ln({paths[0]}), which may be negative"
+        require(positive, "", got, "a number that is fitted as its logarithm", "free it (`free`) with a width")
         centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
         flat = math.log(prior.high / prior.low) / 2
     if positive and not (start > 0 and centre > 0):
@@ -195,10 +194,8 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Paramete
     group_of = {path: group for group in groups for path in group}
     unknown = dict.fromkeys(group_of.get(path, (path,)) for path in widths if path not in fixed)
     for group in groups:
-        if group not in unknown:
-            raise refusal("tie", "=".join(group), "at least one unknown among them", "free one of them too")
-    if not unknown:
-        raise refusal("fix", "no unknown", "at least one", "fix fewer parameters")
+        require(group in unknown, "tie", "=".join(group), "at least one unknown among them", "free one of them too")
+    require(unknown, "fix", "no unknown", "at least one", "fix fewer parameters")
     for path in unknowns.priors:
         if not any(path in group for group in unknown):
             known = [path for group in unknown for path in group]
@@ -258,11 +255,6 @@ def is_of_loop(name: str) -> bool:
     return name.startswith(LOOP)
 
 
-def kind_of(name: str) -> str:
-    """Return the kind of the rows of a hysteresis loop."""
-    return name.rpartition(":")[2]
-
-
 def is_of_readings(name: str) -> bool:
     """Whether a parameter belongs to the readings: position of a frame, or width of a hysteresis loop."""
     return name.startswith((SETUP, LOOP))
@@ -275,19 +267,6 @@ LOAD = "load"
 """Name of the common scale of all measured load cases: that of a load cell."""
 NUISANCE_NARROWEST, NUISANCE_WIDEST = 1e-6, 1.0
 """Allowed relative widths: a number uncertain by more than its own size is not a nuisance."""
-
-
-def uncertain_parameters(arm: Arm, widths: Mapping[str, str]) -> tuple[Parameter, ...]:
-    """Return a nuisance for each uncertain number, its prior centred at the arm's value.
-
-    Args:
-        arm: with the values.
-        widths: standard deviation by path, or of `load`, as `5%` of the value or as `2mm`.
-
-    Raises:
-        InputError: no such number, a width in a wrong unit, or one that is not small.
-    """
-    return tuple(_parameter(arm, path, text) for path, text in widths.items())
 
 
 def scaled_bodies(arm: Arm, paths: Iterable[str]) -> tuple[str, ...]:
@@ -309,7 +288,17 @@ def scaled_inertia(arm: Arm, parameters: Mapping[str, Any], bodies: tuple[str, .
     return jax.tree.map(body, arm, is_leaf=lambda node: isinstance(node, Body)) if bodies else arm
 
 
-def _parameter(arm: Arm, path: str, text: str) -> Parameter:
+def uncertain_parameter(arm: Arm, path: str, text: str) -> Parameter:
+    """Return the nuisance of an uncertain number, its prior centred at the arm's value.
+
+    Args:
+        arm: with the value.
+        path: of the number, or `load`.
+        text: its standard deviation, as `5%` of the value or as `2mm`.
+
+    Raises:
+        InputError: no such number, a width in a wrong unit, or one that is not small.
+    """
     value = 1.0 if path == LOAD else float(arm.get(path))
     field = None if path == LOAD else field_of(path)
     positive, said = path == LOAD or bool(field and field.logarithmic), f"{path}:{text}"
@@ -357,9 +346,3 @@ def scaled_loads(loads: Loads, scale: Any) -> Loads:
 def is_loaded(loads: Loads) -> bool:
     """Whether any load case has a mass, a force or a moment in addition to payloads."""
     return any(np.any(part) for part in (loads.mass, loads.force, loads.moment) if part is not None)
-
-
-def check_measurable(widths: Mapping[str, str], loads: Loads) -> None:
-    """Refuse a scale of loads if all load cases are payloads only."""
-    if LOAD in widths and not is_loaded(loads):
-        raise refusal("uncertain", "load, and no row with a mass, force or moment", "one at least", "drop it")

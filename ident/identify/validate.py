@@ -8,7 +8,7 @@ from math import degrees
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import refusal
+from ident.errors import require
 from ident.identify.fit import CampaignFit
 from ident.inference.information import half_width, rare
 from ident.inference.scrutiny import HeldOut, held_out
@@ -131,9 +131,8 @@ def validate_fit(fit: CampaignFit, leave: str = "posture", seed: int = 0, progre
         InputError: there are fewer than two parts.
     """
     parts = parts_of(fit.campaign, leave, seed)
-    if len(parts) < 2:
-        got, remedy = f"{leave}, of which the campaign has {len(parts)}", "leave out something else"
-        raise refusal("leave", got, "two parts or more", remedy)
+    got, remedy = f"{leave}, of which the campaign has {len(parts)}", "leave out something else"
+    require(len(parts) >= 2, "leave", got, "two parts or more", remedy)
     return Validation(fit, leave, held_out(fit, parts, progress))
 
 

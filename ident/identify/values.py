@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ident.arm.arm import BASE, Arm, loss_paths
 from ident.arm.fields import ALPHA, COMPONENTS, EXPECTED, STIFFNESS, field_of, fields_in
 from ident.arm.parts import Joint
-from ident.errors import InputError, Problem, refusal
+from ident.errors import Problem, refusal, refuse, require
 from ident.text import one_line
 
 if TYPE_CHECKING:
@@ -86,13 +86,11 @@ class Values:
         for body in scaled:
             values |= _inertia(arm, body, values)
         left_out = tuple(name for names in by_paths for name in names if name not in own)
-        if not values:
-            got = f"only {', '.join(left_out[:3])}" if left_out else "no variable"
-            raise refusal(path, got, f"numbers of {arm.name}", "give the result of a fit of this arm")
+        got = f"only {', '.join(left_out[:3])}" if left_out else "no variable"
+        require(values, path, got, f"numbers of {arm.name}", "give the result of a fit of this arm")
         if based := [name for name in left_out if name.startswith(f"{BASE}.")]:
             raise refusal(path, based[0], f"{arm.name} on such a base", "give `soft_base` as it was given there")
-        if problems := [problem for name, value in values.items() for problem in _impossible(path, name, value, arm)]:
-            raise InputError(problems)
+        refuse(problem for name, value in values.items() for problem in _impossible(path, name, value, arm))
         return cls(path, sha256, values, left_out, remark)
 
     @property

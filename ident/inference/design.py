@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.inference.fit import Fit
 from ident.inference.parameters import Parameters
 from ident.inference.problem import InverseProblem
@@ -257,9 +257,8 @@ def criterion(name: str, names: Sequence[str]) -> Gain:
     """
     if name.lower() in (D_OPTIMAL, A_OPTIMAL):
         return {D_OPTIMAL: information_gain, A_OPTIMAL: variance_gain}[name.lower()]
-    if name not in names:
-        remedy = did_you_mean(name, names, "name one of the unknowns")
-        raise refusal("criterion", quoted(name), "d, a, or a parameter's name", remedy)
+    remedy = did_you_mean(name, names, "name one of the unknowns")
+    require(name in names, "criterion", quoted(name), "d, a, or a parameter's name", remedy)
     place = list(names).index(name)
     return lambda before, after: np.log(sds(before)[..., place] / sds(after)[..., place])
 

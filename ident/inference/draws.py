@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.inference.information import Direction, alone
 from ident.inference.parameters import Parameters
 from ident.inference.posterior import Marginal, Posterior, evaluate
@@ -101,10 +101,9 @@ def check_weighable(posterior: Posterior) -> None:
         InputError: names the unknowns without one.
     """
     parameters = posterior.parameters
-    if not parameters.proper.all():
-        names = ", ".join(np.array(parameters.names)[~parameters.proper])
-        remedy = "give it (`prior`), or leave the optima unweighed"
-        raise refusal("", f"no prior for {names}", "a prior for each unknown", remedy)
+    names = ", ".join(np.array(parameters.names)[~parameters.proper])
+    remedy = "give it (`prior`), or leave the optima unweighed"
+    require(parameters.proper.all(), "", f"no prior for {names}", "a prior for each unknown", remedy)
 
 
 _from_uniform = jit(Parameters.from_uniform)

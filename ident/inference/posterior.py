@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.errors import refusal
+from ident.errors import require
 from ident.inference.fit import Fit
 from ident.inference.information import information
 from ident.inference.optima import Optimum
@@ -92,9 +92,8 @@ def posterior(problem: InverseProblem, noise: Sequence[str] = ()) -> Posterior:
         InputError: no measurement of that kind, or a parameter on which neither prior nor data have information.
     """
     for kind in noise:
-        if kind not in problem.kinds:
-            remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
-            raise refusal("", f"the noise of {kind}", "a kind that was measured", remedy)
+        remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
+        require(kind in problem.kinds, "", f"the noise of {kind}", "a kind that was measured", remedy)
     scales = tuple(Parameter((PREFIX + kind,), True, 1.0, 1.0, NOISE_SD) for kind in dict.fromkeys(noise))
     whole = Posterior(problem, Parameters(scales))
     return jax.tree.map(lambda x: jax.device_put(x) if eqx.is_array(x) else x, whole)  # once, not at each evaluation

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ident.errors import placed, refusal
+from ident.errors import placed, refusal, require
 from ident.text import quoted
 
 SHOULDER = 0.01
@@ -48,8 +48,7 @@ class Prior:
         Raises:
             InputError: the range is empty.
         """
-        if low == high:
-            raise refusal("", f"log-uniform from {low:g} to {high:g}", "low < high", "give two ends")
+        require(low != high, "", f"log-uniform from {low:g} to {high:g}", "low < high", "give two ends")
         return cls(low, high, SHOULDER)
 
     @classmethod

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import Problem, refusal, refuse, require
 from ident.inference.parameters import AnyArray, Parameter, Parameters, library
 from ident.text import did_you_mean
 
@@ -306,16 +306,14 @@ class InverseProblem(eqx.Module):
             return
         measured, sigma = np.asarray(self.measured, float), np.asarray(self.sigma, float)
         remedy = "give its standard deviation, infinite for a value that is only to be predicted"
-        problems = [
+        refuse(
             Problem(f"value {i + 1}", f"{values[i]:g}", expected, remedy, name)
             for name, values, possible, expected, remedy in (
                 ("`measured`", measured, np.isfinite(measured), "a finite number", "leave that value out"),
                 ("`sigma`", sigma, sigma > 0, "a number > 0", remedy),
             )
             for i in np.flatnonzero(~possible)
-        ]
-        if problems:
-            raise InputError(problems)
+        )
 
     def predict(self, theta: Float[Array, "P *batch"]) -> Float[Array, "D *batch"]:
         """Predict all values at theta, with the most probable choice if the model has one."""
@@ -504,12 +502,10 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
         InputError: no measurement of that kind, or a width that is not positive.
     """
     for kind, width in widths.items():
-        if kind not in problem.kinds:
-            remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
-            raise refusal("", f"a discrepancy of {kind}", "a kind that was measured", remedy)
-        if not NARROWEST <= width <= WIDEST:
-            expected, remedy = f"a width from {NARROWEST:g} to {WIDEST:g}", f"as {kind}:0.1 for ten percent"
-            raise refusal("", f"a discrepancy of width {width:g}", expected, remedy)
+        remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
+        require(kind in problem.kinds, "", f"a discrepancy of {kind}", "a kind that was measured", remedy)
+        expected, remedy = f"a width from {NARROWEST:g} to {WIDEST:g}", f"as {kind}:0.1 for ten percent"
+        require(NARROWEST <= width <= WIDEST, "", f"a discrepancy of width {width:g}", expected, remedy)
     more = tuple(Parameter((DISCREPANCY_PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
     if not more:
         return problem

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ident.errors import refusal
+from ident.errors import require
 from ident.inference.fit import Fit
 from ident.inference.information import half_width
 from ident.inference.optima import BETTER, LINEAR, REACH, ConstrainedFit, Ending, Side, profile_path
@@ -194,19 +194,15 @@ def check(
     Raises:
         InputError: no such parameter, or an invalid level or reach.
     """
-    if not 1 < reach < math.inf:
-        raise refusal("reach", f"{reach:g}", "a finite factor > 1", "correct it")
+    require(1 < reach < math.inf, "reach", f"{reach:g}", "a finite factor > 1", "correct it")
     for level in levels:
-        if not 0 < level < 1:
-            raise refusal("", f"a level of {level:g}", "a level between 0 and 1, as 0.95", "correct it")
-    if not len(levels):
-        raise refusal("", "no level", "at least one, as 0.95", "name one")
+        require(0 < level < 1, "", f"a level of {level:g}", "a level between 0 and 1, as 0.95", "correct it")
+    require(len(levels), "", "no level", "at least one, as 0.95", "name one")
     place_of = {path: i for i, item in enumerate(parameters.items) for path in item.paths}
     names = tuple(names or ())
     for name in names:
-        if name not in place_of:
-            remedy = did_you_mean(name, list(place_of), "name one of the unknowns")
-            raise refusal("", f"{one_line(name)}, which is not fitted", "an unknown", remedy)
+        remedy = did_you_mean(name, list(place_of), "name one of the unknowns")
+        require(name in place_of, "", f"{one_line(name)}, which is not fitted", "an unknown", remedy)
     return tuple(sorted({place_of[name] for name in names or place_of}))
 
 

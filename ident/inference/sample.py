@@ -16,7 +16,7 @@ from emcee.moves.red_blue import RedBlueMove
 from jaxtyping import Bool, Float, Int
 
 from ident.codec import Store
-from ident.errors import ModelError, refusal
+from ident.errors import ModelError, refusal, require
 from ident.inference.chains import Chains, Diagnosis, Draws, Walkers, diagnose, identity
 from ident.inference.fit import Fit
 from ident.inference.information import information
@@ -172,10 +172,7 @@ class Independent(RedBlueMove):
     """
 
     def __init__(
-        self,
-        centre: Float[np.ndarray, "Q"],
-        covariance: Float[np.ndarray, "Q Q"],
-        positive: Bool[np.ndarray, "Q"],
+        self, centre: Float[np.ndarray, "Q"], covariance: Float[np.ndarray, "Q Q"], positive: Bool[np.ndarray, "Q"]
     ):
         """Take optimum and covariance in theta, and which unknowns are logarithms of positive numbers."""
         super().__init__()
@@ -603,11 +600,9 @@ def _walker_count(fit: Fit, target: Marginal | LinearMarginal, settings: Setting
     if walkers < 2 * count or walkers % SPLITS:
         expected, remedy = f"an even number, at least {2 * count} for {count} unknowns", "correct `walkers`"
         raise refusal("", f"{walkers} walkers", expected, remedy)
-    if settings.ensembles < LEAST_ENSEMBLES:
-        expected, remedy = f"at least {LEAST_ENSEMBLES}: R-hat compares them", "correct `ensembles`"
-        raise refusal("", f"{settings.ensembles} ensembles", expected, remedy)
-    if settings.max_steps < BLOCK:
-        raise refusal("", f"{settings.max_steps} steps", f"at least {BLOCK}", "correct `max_steps`")
+    expected, remedy = f"at least {LEAST_ENSEMBLES}: R-hat compares them", "correct `ensembles`"
+    require(settings.ensembles >= LEAST_ENSEMBLES, "", f"{settings.ensembles} ensembles", expected, remedy)
+    require(settings.max_steps >= BLOCK, "", f"{settings.max_steps} steps", f"at least {BLOCK}", "correct `max_steps`")
     return walkers
 
 
@@ -615,13 +610,11 @@ def _check_bounded(fit: Fit, posterior: Posterior) -> None:
     """Refuse data and prior that do not determine a parameter, or that exclude each other."""
     scaled = fit.problem.scaled(np.asarray(fit.jacobian))
     open_ones = np.isinf(information(scaled, fit.problem.parameters.normal_sd, fit.information.names).sd)
-    if open_ones.any():
-        names = ", ".join(np.array(fit.information.names)[open_ones])
-        remedy = "give each a prior (`prior`), or fix it (`fix`)"
-        raise refusal("", f"neither data nor a prior that bound {names}", "one of them", remedy)
-    if not fit.information.rank:
-        remedy = "measure what depends on them (see `ident check`), or fix fewer"
-        raise refusal("", "no measurement that depends on any of the unknowns", "at least one", remedy)
+    names = ", ".join(np.array(fit.information.names)[open_ones])
+    remedy = "give each a prior (`prior`), or fix it (`fix`)"
+    require(not open_ones.any(), "", f"neither data nor a prior that bound {names}", "one of them", remedy)
+    remedy = "measure what depends on them (see `ident check`), or fix fewer"
+    require(fit.information.rank, "", "no measurement that depends on any of the unknowns", "at least one", remedy)
     beyond = np.abs(np.asarray(fit.problem.parameters.prior_residuals(jnp.asarray(fit.best.theta))[0]))
     if beyond.max() > EXCLUDED and not posterior.noise.items:
         worst = int(np.argmax(beyond))

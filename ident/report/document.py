@@ -76,8 +76,7 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
         if not isinstance(document, dict) or not isinstance(document.get("format"), str):
             raise ValueError
     except (ValueError, RecursionError):
-        remedy = "give the file that ident wrote"
-        raise refusal(where, "other contents", expected, remedy) from None
+        raise refusal(where, "other contents", expected, "give the file that ident wrote") from None
     return document
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.fields import SPEED, STIFFNESS, field_of
-from ident.identify.unknowns import SETUP, is_of_loop, kind_of
+from ident.identify.unknowns import SETUP, is_of_loop
 from ident.measure import DRIVE_STATES, Measurement
 from ident.measure.kinds import DIFFERENCES
 from ident.measure.kinds import KINDS as MEASURED
@@ -60,7 +60,7 @@ def unit_of(path: str) -> str:
     if path.startswith(SETUP):
         return "rad" if TURN in path else "m"
     if is_of_loop(path):
-        return QUANTITIES[MEASURED[kind_of(path)]].si
+        return QUANTITIES[MEASURED[path.rpartition(":")[2]]].si
     return field.unit if field else "%" if path == SPEED else "-"
 
 

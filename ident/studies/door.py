@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.studies.options import default_of, specs
 from ident.studies.shared import UnitOptions, as_campaign, as_file, as_log
 from ident.studies.values import drawn_values, fitted_values
@@ -91,12 +91,12 @@ def study(function: Callable[..., R]) -> Callable[..., R]:
     def call(*given: Any, **named: Any) -> R:
         keywords = {name: named.pop(name) for name in list(named) if name not in own.parameters}
         options_of = [each.name for each, _ in specs(kind)]
-        if unknown := [name for name in keywords if name not in options_of]:
-            expected = f"one of {kind.__name__}"
-            raise InputError(
-                Problem(function.__name__, f"the option {name}", expected, did_you_mean(name, options_of, "drop it"))
-                for name in unknown
-            )
+        where, expected = function.__name__, f"one of {kind.__name__}"
+        refuse(
+            Problem(where, f"the option {name}", expected, did_you_mean(name, options_of, "drop it"))
+            for name in keywords
+            if name not in options_of
+        )
         inputs = own.bind(*given, **named)
         inputs.apply_defaults()
         known = inputs.arguments

@@ -11,7 +11,7 @@ from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Self, dataclass_transform, get_args, get_origin
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import Problem, refusal, refuse
 from ident.text import did_you_mean
 
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force", "posture")
@@ -124,8 +124,7 @@ class Options:
                 got = f"{_as_float(value):g}" if number else f"{value!r:.60}"
                 remedy = did_you_mean(value, spec.choices, "correct it") if isinstance(value, str) else "correct it"
                 problems.append(Problem(each.name, got, expected, remedy))
-        if problems := problems or self.problems():
-            raise InputError(problems)
+        refuse(problems or self.problems())
 
     @classmethod
     def of(cls, options: "Self | None") -> Self:

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.inference.priors import Prior
 from ident.units import STIFFNESS_UNITS
 
@@ -16,8 +16,7 @@ def number(text: str, flag: str) -> float:
         value = float(text)
     except ValueError:
         value = math.inf
-    if not math.isfinite(value):
-        raise refusal(flag, f"'{text}'", "a finite number", "correct it, see --help")
+    require(math.isfinite(value), flag, f"'{text}'", "a finite number", "correct it, see --help")
     return value
 
 
@@ -44,8 +43,7 @@ def several(text: str, flag: str) -> tuple[float, ...]:
 def ties(texts: Sequence[str], flag: str) -> tuple[tuple[str, ...], ...]:
     """Read groups of names joined by =."""
     for text in (texts := each_of(texts)):
-        if "=" not in text:
-            raise refusal(f"{flag} {text}", "one parameter", "two or more with = between", "as a.k_tors=b.k_tors")
+        require("=" in text, f"{flag} {text}", "one parameter", "two or more with = between", "as a.k_tors=b.k_tors")
     return tuple(tuple(text.split("=")) for text in texts)
 
 
@@ -76,8 +74,7 @@ def frequencies(texts: Sequence[str], flag: str) -> dict[str, tuple[float, ...]]
     """Read NUMBER=HERTZ,HERTZ,..., each number once."""
     pairs = [(text, *named(text, f"{flag} {text}")) for text in texts]
     for text, name, _ in pairs:
-        if not name.isdigit():
-            raise refusal(f"{flag} {text}", f"'{name}'", "the number of a posture", "as 2=4.45,5.01")
+        require(name.isdigit(), f"{flag} {text}", f"'{name}'", "the number of a posture", "as 2=4.45,5.01")
     return once(flag, [(name, several(value, f"{flag} {text}")) for text, name, value in pairs])
 
 
@@ -91,8 +88,7 @@ def uncertain(texts: Sequence[str], flag: str) -> dict[str, str]:
     """Read NAME:WIDTH, WIDTH with its unit, separated by commas; each name once."""
     parts = [(text, *each.strip().partition(":")[::2]) for text in texts for each in text.split(",")]
     for text, name, width in parts:
-        if not (name and width):
-            raise refusal(f"{flag} {text}", "no NAME:WIDTH", "as link2.mass:5%,load:1%", "correct it")
+        require(name and width, f"{flag} {text}", "no NAME:WIDTH", "as link2.mass:5%,load:1%", "correct it")
     return once(flag, [(name, width.strip()) for _, name, width in parts])
 
 

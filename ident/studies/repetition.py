@@ -63,9 +63,8 @@ def _largest(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 def _alike(one: Any, other: Any, sampled: float, small: float) -> bool:
     """Whether two cells are the same; differences of numbers below `small` are taken relative to it."""
     if _is_number(one) and _is_number(other):
-        if not (math.isfinite(one) and math.isfinite(other)):
-            return str(one) == str(other)
-        return bool(abs(one - other) <= max(SAME * max(abs(one), abs(other), small), sampled))
+        close = math.isclose(one, other, rel_tol=SAME, abs_tol=max(SAME * small, sampled))
+        return close or str(one) == str(other)  # not a number is what it was
     return bool(one == other)
 
 

@@ -46,19 +46,15 @@ R = TypeVar("R")
 """Return type of such a method."""
 
 
+Wrap = Callable[[Iterable[int]], Iterator[int]]
+"""Passes numbers on, one for each step of the work."""
+
+
 class Progress(Protocol):
     """Shows the progress of long work."""
 
-    def __call__(self, description: str, total: int | None = None) -> "Wrap":
+    def __call__(self, description: str, total: int | None = None) -> Wrap:
         """Return a wrapper that shows a bar over an iterable of numbers, with a description."""
-        ...
-
-
-class Wrap(Protocol):
-    """Passes numbers on, one for each step of the work."""
-
-    def __call__(self, numbers: Iterable[int], /) -> Iterator[int]:
-        """Return the same numbers."""
         ...
 
 

@@ -13,12 +13,12 @@ from shutil import rmtree
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import InputError, Problem, refusal, refuse, require
 from ident.report.report import Report, text_of
 from ident.studies import STUDIES, module_of
 from ident.studies.options import Options
 from ident.studies.result import Reported, input_of
-from ident.text import one_line, quoted, study_of
+from ident.text import by_key, one_line, quoted, study_of
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -209,9 +209,8 @@ def load(path: str | Path) -> Saved:
     from ident.report.document import EXPECTED, read_record
 
     record = read_record(path)
-    if study_of(record["format"]) not in STUDIES:
-        got, remedy = f"the format {quoted(record['format'])}", "give the file that ident wrote"
-        raise refusal(one_line(str(path)), got, EXPECTED, remedy)
+    got, remedy = f"the format {quoted(record['format'])}", "give the file that ident wrote"
+    require(study_of(record["format"]) in STUDIES, one_line(str(path)), got, EXPECTED, remedy)
     return Saved(path, record)
 
 
@@ -245,13 +244,10 @@ def files_of(inputs: Mapping[str, Any], beside: Path) -> Files:
     Raises:
         InputError: an input is neither on disk nor in the result; all such inputs are listed.
     """
-    groups: dict[str, dict[str, Any]] = {}
-    for name, source in inputs.items():
-        if source is not None:
-            groups.setdefault(input_of(name), {})[name] = source
+    groups = by_key((input_of(name), (name, source)) for name, source in inputs.items() if source is not None)
     found, restored, problems = dict[str, Path](), list[str](), list[Problem]()
     places = ("", str(beside), ".")
-    for group, sources in groups.items():
+    for group, sources in ((group, dict(own)) for group, own in groups.items()):
         same = [place for place in places if all(_is_there(place, each) for each in sources.values())]
         if same:
             found[group] = _in(same[0], sources[group])
@@ -265,8 +261,7 @@ def files_of(inputs: Mapping[str, Any], beside: Path) -> Files:
         else:
             there = {name for name, each in sources.items() if any(_is_there(place, each) for place in places)}
             problems += [_missing(name, each, places) for name, each in sources.items() if name not in there]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return Files(found, tuple(restored))
 
 

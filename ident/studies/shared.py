@@ -7,7 +7,7 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import InputError, Problem, refusal, require
 from ident.inference.priors import Prior
 from ident.studies import reading
 from ident.studies.options import Options, option, repeated
@@ -70,9 +70,7 @@ class ProblemOptions(BaseOptions):
         read=reading.each_of,
     )
     tie: tuple[tuple[str, ...], ...] = repeated(
-        (),
-        "parameters fitted as one, as joint2.k_tors=joint3.k_tors; may be repeated",
-        read=reading.ties,
+        (), "parameters fitted as one, as joint2.k_tors=joint3.k_tors; may be repeated", read=reading.ties
     )
     free: dict[str, float] = repeated(
         {},
@@ -121,9 +119,8 @@ class ProblemOptions(BaseOptions):
         own = {path: width for path, width in arm.uncertain.items() if path not in taken}
         if self.no_uncertain or not own:
             return unknowns
-        if "uncertain" in self.refuses:
-            got, remedy = f"uncertain numbers, {next(iter(own))} first", "take them as exact (`no_uncertain`)"
-            raise refusal(one_line(arm.path), got, "none in this study", remedy)
+        got, remedy = f"uncertain numbers, {next(iter(own))} first", "take them as exact (`no_uncertain`)"
+        require("uncertain" not in self.refuses, one_line(arm.path), got, "none in this study", remedy)
         return replace(unknowns, uncertain={**own, **unknowns.uncertain})
 
     @property
@@ -141,13 +138,10 @@ class ArmOptions(BaseOptions):
 
     load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
     set: dict[str, float] = repeated(
-        {},
-        "number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated",
-        read=reading.numbers,
+        {}, "number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated", read=reading.numbers
     )
     force: bool = option(
-        False,
-        "take over values that were identified on another arm, and keep no earlier result of the same name",
+        False, "take over values that were identified on another arm, and keep no earlier result of the same name"
     )
 
     def problems(self) -> list[Problem]:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.studies.shared import ArmOptions, as_file
 
 if TYPE_CHECKING:
@@ -40,7 +40,11 @@ def fitted_values(
         values, robot, base = fit.values_of(own.arm)
     else:
         raise refusal("fit", f"a {type(fit).__name__}", "a result of ident.fit, or its file", "give that")
-    return _of_this_robot(_on_the_same_base(values, base, options.soft_base), robot, own, options)
+    if base != options.soft_base:  # its compliance would count twice, or in the wrong place
+        got, expected = (f"a base that gives at {x:g} m" if x else "a rigid base" for x in (base, options.soft_base))
+        remedy = f"give `soft_base` {base:g} here, too" if base else "fit with `soft_base`, too"
+        raise refusal("fit", f"values that were fitted on {got}", expected, remedy)
+    return _of_this_robot(values, robot, own, options)
 
 
 def _of_this_robot(values: "Values", robot: "Robot", own: "ArmFile", options: ArmOptions) -> "Values":
@@ -50,15 +54,6 @@ def _of_this_robot(values: "Values", robot: "Robot", own: "ArmFile", options: Ar
     designed = [path for path, origin in own.origins.items() if origin == "designed"]
     here = Robot.of(own.arm, own.sha256)
     return of_this_robot(values, robot, here, changed=options.set, designed=designed, force=options.force)
-
-
-def _on_the_same_base(values: "Values", fitted: float | None, asked: float | None) -> "Values":
-    """Refuse values that were fitted on another base: its compliance would count twice, or in the wrong place."""
-    if fitted == asked:
-        return values
-    got, expected = (f"a base that gives at {x:g} m" if x else "a rigid base" for x in (fitted, asked))
-    remedy = f"give `soft_base` {fitted:g} here, too" if fitted else "fit with `soft_base`, too"
-    raise refusal("fit", f"values that were fitted on {got}", expected, remedy)
 
 
 def drawn_values(
@@ -120,7 +115,6 @@ def _draws(posterior: "SampleResult | Saved | str | Path") -> "Draws":
 
     if isinstance(posterior, str | Path):
         return read_posterior(posterior)
-    if not hasattr(posterior, "posterior_draws"):
-        got, expected = f"a {type(posterior).__name__}", "a result of ident.sample, or its file"
-        raise refusal("posterior", got, expected, "give that")
+    got, expected = f"a {type(posterior).__name__}", "a result of ident.sample, or its file"
+    require(hasattr(posterior, "posterior_draws"), "posterior", got, expected, "give that")
     return posterior.posterior_draws()

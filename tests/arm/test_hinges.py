@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
 from equinox import filter_jit
+from potential import potential_energy
 
 from ident.arm.arm import MOST_JOINTS, Arm, on_soft_base
 from ident.arm.chain import at_posture
 from ident.arm.hinges import cut
-from ident.arm.mechanics import mass_matrix, point_positions, potential_energy
+from ident.arm.mechanics import mass_matrix, point_positions
 from ident.arm.parts import Body, Joint, Payload
 
 ARMS = [random_arm(np.random.default_rng(8), 4, undriven=(2,)), on_soft_base(lcd_arm(), 0.5)]

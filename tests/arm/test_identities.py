@@ -12,6 +12,7 @@ import scipy.linalg as sl
 from arms import posture_of, random_arm, without_gravity
 from engines import EIGHTH_ORDER
 from jaxtyping import Array
+from potential import potential_energy
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Chain, Loads, at_posture, no_loads
@@ -21,7 +22,6 @@ from ident.arm.mechanics import (
     mass_matrix,
     point_positions,
     potential_derivatives,
-    potential_energy,
     potential_gradient,
     second_variations,
     unflatten,

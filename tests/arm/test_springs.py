@@ -1,6 +1,7 @@
 """Springs that are no straight line: against curves integrated by SciPy on MuJoCo's gravity, and closed forms."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from arms import random_arm
 from engines import MujocoArm, stiffness
+from potential import of_springs, potential_energy
 from scipy.interpolate import PPoly
 from scipy.linalg import eigh
 from scipy.optimize import brentq, root
@@ -18,7 +20,6 @@ from ident.arm.mechanics import (
     equilibrium,
     flat,
     potential_derivatives,
-    potential_energy,
     second_variations,
     system,
     unflatten,
@@ -226,7 +227,7 @@ def test_bending_gives_alike_in_all_directions():
     phi = np.zeros((2, 3, 3))
     phi[:, :, 0] = across, np.cos(1.1) * across + np.sin(1.1) * other
     energies, torques = (
-        np.asarray(jnp.stack([f(jnp.asarray(p)) for p in phi])) for f in (curved.energy, curved.torque)
+        np.asarray(jnp.stack([f(jnp.asarray(p)) for p in phi])) for f in (partial(of_springs, curved), curved.torque)
     )
     np.testing.assert_allclose(energies[0], energies[1], rtol=1e-12)
     sizes = np.linalg.norm(torques[:, :, 0], axis=1)

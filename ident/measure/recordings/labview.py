@@ -204,10 +204,9 @@ def _sampling(file: str, segment: _Segment, column: int, label: int) -> _Samplin
     if not cells:
         return _Sampling(label, step, start, (len(segment.rows),))
     times, digit = _numbers(cells), _digit(*cells[:: max(len(cells) // 100, 1)], cells[-1])
-    if not np.isfinite(times).all():
-        where = f"{file}:{segment.line + int(np.argmin(np.isfinite(times))) + 1}"
-        got, remedy = "a time that is no number", "export it again with all times"
-        raise refusal(where, got, "times that increase", remedy, TIMES)
+    where = f"{file}:{segment.line + int(np.argmin(np.isfinite(times))) + 1}"
+    got, remedy = "a time that is no number", "export it again with all times"
+    require(np.isfinite(times).all(), where, got, "times that increase", remedy, TIMES)
     digit += 4 * float(np.spacing(abs(times).max()))
     starts = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(times) < -digit)), len(times)]
     said, fine = step if step > 0 else None, _digit(segment.label("Delta_X", label).replace(segment.mark, "."))

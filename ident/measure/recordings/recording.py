@@ -9,6 +9,7 @@ from typing import NoReturn
 import numpy as np
 
 from ident.errors import InputError, LackingError, Problem, refusal
+from ident.files import SourceFile as SourceFile
 from ident.measure.recordings.sampling import even_step
 from ident.text import by_key, one_line, quoted
 from ident.units import sensor_factor
@@ -104,21 +105,6 @@ class Recording:
         forces = (channel.reference for channel in self.channels if channel.reference)
         moving = (name for shape in self.shapes for name in shape.motion)
         return tuple(dict.fromkeys([*responses, *forces, *moving]))
-
-
-@dataclass(frozen=True)
-class SourceFile:
-    """Reference to an input file.
-
-    Attributes:
-        path: its path.
-        sha256: hash of its bytes.
-        notes: what was taken from a program's convention, and done to the times.
-    """
-
-    path: str
-    sha256: str
-    notes: tuple[str, ...] = ()
 
 
 ONE_NAME = "channels of one name"

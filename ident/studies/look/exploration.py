@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Moments
 from ident.arm.multibody import Multibody, multibody
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.identify.binding import check_references, loads_of
 from ident.measure import Campaign, Load
 from ident.measure.load import Vector
@@ -171,9 +171,8 @@ def _mass(load: Load, carried: Carried) -> float:
 
 
 def _check(arm: Arm, payload: str, measured: Campaign | None) -> None:
-    if not arm.points:
-        remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
-        raise refusal(arm.name, "no point", "at least one", remedy)
+    remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
+    require(arm.points, arm.name, "no point", "at least one", remedy)
     if arm.springs:
         got, remedy = f"a curved spring ({arm.springs[0].name})", "take its table out: k_bend and k_tors stay"
         raise refusal(arm.name, got, "straight springs, as the page computes with no others", remedy)

@@ -6,7 +6,7 @@ from math import degrees, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import Problem, refusal
+from ident.errors import Problem, refusal, require
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import STROKE_PROFILES, option
@@ -41,8 +41,7 @@ class ExploreOptions(ArmOptions):
 
     def problems(self) -> list[Problem]:
         """Return a negative mass or stiffness, or an invalid posture."""
-        expected = f"several angles within {FARTHEST:g} deg"
-        wrong = Problem("posture", f"{self.posture}", expected, "as (30, -60, 30)")
+        wrong = Problem("posture", f"{self.posture}", f"several angles within {FARTHEST:g} deg", "as (30, -60, 30)")
         return [*super().problems(), *([] if all(map(is_angle, self.posture)) else [wrong])]
 
 
@@ -173,7 +172,6 @@ def _extension(arm: "Arm", profile: str | None) -> "Motion | None":
     from ident.vibrate.motion import stroke
 
     if arm.stroke is None:
-        if profile is not None:
-            raise refusal("profile", "it for an arm without a stroke", "a [stroke] in the file", "drop it")
+        require(profile is None, "profile", "it for an arm without a stroke", "a [stroke] in the file", "drop it")
         return None
     return stroke(arm.stroke, profile=profile)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.studies.result import input_of
 from ident.studies.shared import as_file, check_posture
 from ident.text import one_line, study_of
@@ -198,13 +198,11 @@ def export(
         asked = exported(read, None if path is None else Path(path), as_file(arm), posture, force, where)
     path, own = asked.path, asked.own
     writers = {".xml": _mjcf, ".urdf": _urdf, ".toml": _toml, ".json": _json}
-    if path.suffix not in writers:
-        got = f"the ending {path.suffix}" if path.suffix else "no ending"
-        raise refusal(one_line(str(path)), got, f"a file *{ENDINGS}", "name it so")
+    got = f"the ending {path.suffix}" if path.suffix else "no ending"
+    require(path.suffix in writers, one_line(str(path)), got, f"a file *{ENDINGS}", "name it so")
     if posture is not None:
-        if path.suffix != ".xml":
-            got, expected = "a posture for a file without springs", "a file *.xml"
-            raise refusal("posture", got, expected, "write .xml, or leave it out")
+        got, expected = "a posture for a file without springs", "a file *.xml"
+        require(path.suffix == ".xml", "posture", got, expected, "write .xml, or leave it out")
         check_posture(posture, own.arm)
     files = writers[path.suffix](asked)
     sources = (own.path, own.bushings.path if own.bushings else "")
@@ -269,9 +267,8 @@ def _toml(asked: Exported) -> Mapping[Path, bytes]:
     from ident.text import read_text
 
     path, own = asked.path, asked.own
-    if not own.path:
-        got, remedy = f"the arm {one_line(own.arm.name)}, of no file", "write .json"
-        raise refusal(one_line(str(path)), got, "an arm that was read from a file", remedy)
+    got, remedy = f"the arm {one_line(own.arm.name)}, of no file", "write .json"
+    require(own.path, one_line(str(path)), got, "an arm that was read from a file", remedy)
     if own.bushings:
         head = "\n".join(_comment(asked))
         said = {f"{joint.name}.{key}": "derived" for joint in own.arm.joints for key in ("axis", "limits")}

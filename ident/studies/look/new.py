@@ -9,7 +9,7 @@ from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ident.errors import placed, refusal
+from ident.errors import placed, refusal, require
 from ident.files import together, write_text
 from ident.text import did_you_mean, one_line, quoted
 
@@ -59,9 +59,8 @@ def new(kind: str, folder: str | Path) -> New:
     Raises:
         InputError: no such kind, or a folder that already has files or can't be written.
     """
-    if kind not in KINDS:
-        remedy = did_you_mean(kind, KINDS, "or give a robot description, --robot robot.urdf")
-        raise refusal("", quoted(kind), f"one of {', '.join(KINDS)}", remedy, "kind")
+    remedy = did_you_mean(kind, KINDS, "or give a robot description, --robot robot.urdf")
+    require(kind in KINDS, "", quoted(kind), f"one of {', '.join(KINDS)}", remedy, "kind")
     source = files("ident.description") / "templates"
     texts = [(source / f"{kind}{end}").read_text(encoding="utf-8") for end in (".toml", ".csv")]
     return _write(Path(folder), texts[0], texts[1])

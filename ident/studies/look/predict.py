@@ -5,7 +5,7 @@ from dataclasses import field, replace
 from math import radians
 from typing import TYPE_CHECKING
 
-from ident.errors import Problem, refusal
+from ident.errors import Problem, refusal, require
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated, seed_of_draws
@@ -28,10 +28,7 @@ class PredictOptions(ArmOptions):
     """Options of `ident.predict`: postures, load, and number of modes."""
 
     posture: tuple[tuple[float, ...], ...] = repeated(
-        (),
-        "joint angles in degrees, as 30,-60,30; may be repeated",
-        short="-q",
-        read=reading.postures,
+        (), "joint angles in degrees, as 30,-60,30; may be repeated", short="-q", read=reading.postures
     )
     modes: int = option(6, "number of modes", low=1, high=1000)
     drives: str = option("brake", "what holds the motors: brake, or servo of the arm file", choices=("brake", "servo"))
@@ -140,19 +137,14 @@ class PredictResult(Result):
         angles = zip(*(analysis.posture for analysis in self.analyses), strict=True)
         turning = [name for name, own in zip(names, angles, strict=True) if len(set(own)) > 1]
         chosen = joint or next(iter(turning), names[0])
-        if chosen not in names:
-            remedy = did_you_mean(chosen, names, "correct the name")
-            raise refusal("joint", quoted(chosen), f"one of {', '.join(names)}", remedy)
+        remedy = did_you_mean(chosen, names, "correct the name")
+        require(chosen in names, "joint", quoted(chosen), f"one of {', '.join(names)}", remedy)
         return frequency_figure(self.predictions, names.index(chosen))
 
 
 @study
 def predict(
-    arm: "ArmFile",
-    options: PredictOptions = DEFAULT,
-    *,
-    fit: "Values | None" = None,
-    posterior: "Values | None" = None,
+    arm: "ArmFile", options: PredictOptions = DEFAULT, *, fit: "Values | None" = None, posterior: "Values | None" = None
 ) -> PredictResult:
     """Predict natural frequencies, modes and static deflection of an arm, held at postures under a load.
 

@@ -63,11 +63,7 @@ class CheckResult(Result):
 
 
 @study
-def check(
-    arm: "ArmFile",
-    campaign: "Campaign",
-    options: CheckOptions = DEFAULT,
-) -> CheckResult:
+def check(arm: "ArmFile", campaign: "Campaign", options: CheckOptions = DEFAULT) -> CheckResult:
     """Report what a campaign can determine about the joint stiffnesses and other freed numbers, before any fit.
 
     Args:

@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from ident.errors import refusal
+from ident.errors import refusal, require
+from ident.files import SourceFile
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import repeated
@@ -26,9 +27,7 @@ class CompareOptions(UnitOptions):
     """Options of `ident.compare`."""
 
     same: tuple[str, ...] = repeated(
-        (),
-        "stiffness that is known not to have changed, as joint1.k_bend; may be repeated",
-        read=reading.names,
+        (), "stiffness that is known not to have changed, as joint1.k_bend; may be repeated", read=reading.names
     )
 
 
@@ -36,21 +35,6 @@ Compared: TypeAlias = "Result | Saved | str | Path"
 """What can be compared: a result, its file, a campaign file, or a folder of results."""
 ENDS = (".fit.json", ".sample.nc", ".diagnose.json")
 """File endings that are compared in two folders: for each campaign the first ending that both folders have."""
-
-
-@dataclass(frozen=True)
-class ComparedFile:
-    """A compared result: its file, if there is one.
-
-    Attributes:
-        path: the file.
-        sha256: hash of its bytes.
-        notes: remarks for the report.
-    """
-
-    path: str = ""
-    sha256: str = ""
-    notes: tuple[str, ...] = ()
 
 
 class CompareResult(Result):
@@ -68,7 +52,7 @@ class CompareResult(Result):
 
     comparisons: "tuple[Comparison, ...]"
     unpaired: tuple[str, ...] = ()
-    files: tuple[tuple[ComparedFile, ComparedFile], ...] = ((ComparedFile(), ComparedFile()),)
+    files: tuple[tuple[SourceFile, SourceFile], ...] = ((SourceFile(), SourceFile()),)
     options: CompareOptions = field(default_factory=CompareOptions)
 
     shown = ("comparisons", "unpaired")
@@ -115,9 +99,7 @@ WORDS = ("first", "second")
 
 @study
 def compare(
-    first: "Compared | Sequence[Compared]",
-    second: "Compared | Sequence[Compared]",
-    options: CompareOptions = DEFAULT,
+    first: "Compared | Sequence[Compared]", second: "Compared | Sequence[Compared]", options: CompareOptions = DEFAULT
 ) -> CompareResult:
     """Report which joint stiffness changed between two campaigns, by how much, and how certain that is.
 
@@ -161,9 +143,8 @@ def _pairs(
     folders = [Path(each) for each in (first, second) if isinstance(each, str | Path) and os.path.isdir(each)]
     if not folders:
         return [(cast("Compared", first), cast("Compared", second))], ()
-    if len(folders) == 1:
-        where = one_line(str(folders[0]))
-        raise refusal(where, "a folder", "two files or two folders", "give what belongs to it")
+    where = one_line(str(folders[0]))
+    require(len(folders) != 1, where, "a folder", "two files or two folders", "give what belongs to it")
     ours, theirs = map(_results_in, folders)
     pairs: list[tuple[Any, Any]] = []
     for campaign in sorted(ours.keys() & theirs.keys()):
@@ -171,9 +152,8 @@ def _pairs(
             pairs.append((ours[campaign][end], theirs[campaign][end]))
     paired = {Path(path) for pair in pairs for path in pair}
     named = {path.name.removesuffix(end) for path in paired for end in ENDS}
-    if not pairs:
-        got, where = "no result of one name in both", " and ".join(one_line(str(folder)) for folder in folders)
-        raise refusal(where, got, f"files {' or '.join(ENDS)}", "fit both campaigns under one name")
+    got, where = "no result of one name in both", " and ".join(one_line(str(folder)) for folder in folders)
+    require(pairs, where, got, f"files {' or '.join(ENDS)}", "fit both campaigns under one name")
     alone = [path for side in (ours, theirs) for c, files in side.items() if c not in named for path in files.values()]
     return pairs, tuple(map(str, alone))
 
@@ -188,18 +168,18 @@ def _results_in(folder: Path) -> dict[str, dict[str, Path]]:
     return found
 
 
-def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, ComparedFile]":
+def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, SourceFile]":
     """Return the fit or the posterior draws of a result, and its file."""
     import hashlib
 
     from ident.studies.saved import Saved, load
 
-    file = ComparedFile()
+    file = SourceFile()
     if isinstance(result, str | Path):
         path = Path(result)
         known = _fitted(path) if path.suffix == ".csv" else _foreign(path)
         result = load(path) if known is None else result
-        file = ComparedFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
+        file = SourceFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
         if known is not None:
             return known, file
     if isinstance(result, Result | Saved) and (fitted := result.fitted) is not None:

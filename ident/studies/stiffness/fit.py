@@ -178,11 +178,7 @@ def _by_names(names: tuple[str, ...], matrix: "np.ndarray") -> dict[str, dict[st
 
 @study
 def fit(
-    arm: "ArmFile",
-    campaign: "Campaign",
-    options: FitOptions = DEFAULT,
-    *,
-    progress: Progress = silent,
+    arm: "ArmFile", campaign: "Campaign", options: FitOptions = DEFAULT, *, progress: Progress = silent
 ) -> FitResult:
     """Fit the joint stiffnesses and other freed numbers to a campaign; with measured damping ratios also the damping.
 

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import quote
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import InputError, Problem, refusal, require
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
@@ -232,8 +232,7 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
             own = path / ARM
             campaign = tables[0] if len(tables) == 1 else path / CAMPAIGN
             found.append((path.name, campaign, own if own.is_file() else shared))
-    if not found:
-        raise refusal(where, "no robots", expected, "put their campaigns there")
+    require(found, where, "no robots", expected, "put their campaigns there")
     if any(path == shared for _, _, path in found) and not shared.is_file():
         remedy = "put arm.toml beside the robots, or name it (`arm`)"
         raise refusal(one_line(str(shared)), "no such file", "the arm's description", remedy)

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from ident.codec import read_item, value_digest, write_item
-from ident.errors import IdentError, InputError, Problem, refusal
+from ident.errors import IdentError, InputError, Problem, refusal, refuse
 from ident.files import digest, write_text
 from ident.text import one_line
 from ident.units import USUAL
@@ -440,8 +440,7 @@ def _check(client: Any, work: Callable[[], str]) -> None:
         elif wrong:
             got, remedy = f"{type(wrong).__name__}: {wrong}", "install the same versions"
             problems.append(Problem(f"dask, worker {name}", got, "ident as it is here", remedy))
-    if problems:
-        raise InputError(dict.fromkeys(problems))
+    refuse(dict.fromkeys(problems))
 
 
 def _ask(client: Any) -> None:

@@ -5,7 +5,7 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import Problem, refuse, require
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.reading import EACH
@@ -27,9 +27,7 @@ class JointOptions(SamplesOptions):
     """Options of `ident.joint`: known data of the joints, and how they were tested."""
 
     ratio: dict[str, float] = option(
-        {},
-        "ratio of a drive whose motor is logged at its own shaft, as joint1=121, or 121 for all; default 1",
-        **EACH,
+        {}, "ratio of a drive whose motor is logged at its own shaft, as joint1=121, or 121 for all; default 1", **EACH
     )
     inertia: dict[str, float] = option(
         {}, "inertia [kg m^2] of the motor at its shaft, at the joint without a ratio; default: unknown", **EACH
@@ -103,8 +101,7 @@ def joint(
     from ident.measure.joint_log import JointLog, read_joint_log
 
     given = [logs] if isinstance(logs, JointLog | str | Path) else [*logs]
-    if not given:
-        raise refusal("logs", "none", "at least one log", "give its file")
+    require(given, "logs", "none", "at least one log", "give its file")
     how: Any = {"locked": options.locked, "columns": options.columns}
     read = [each if isinstance(each, JointLog) else read_joint_log(each, **how) for each in given]
     names, channels = [*read[0].columns], {name: {*columns} for name, columns in read[0].columns.items()}
@@ -124,12 +121,10 @@ def joint(
             if name and name not in names:
                 expected = f"one of {', '.join(names)}"
                 problems.append(Problem(option_, one_line(name), expected, did_you_mean(name, names, "name a joint")))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     ratios = {name: options.ratio.get(name, options.ratio.get("", 1.0)) for name in names}
     counted = tuple(replace(log, columns={n: _at_joint(log.columns[n], ratios[n]) for n in names}) for log in read)
-    if problems := [each for log in counted for each in _unlike(log)]:
-        raise InputError(problems)
+    refuse(each for log in counted for each in _unlike(log))
     found = []
     for name in names:
         inertia = options.inertia.get(name, options.inertia.get("", 0.0)) * ratios[name] ** 2 or None

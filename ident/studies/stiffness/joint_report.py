@@ -87,8 +87,7 @@ def _table(joints: "Sequence[JointTwist]") -> Table:
     if joints[0].setting.locked:
         lag = " Friction of a clamped joint has its damping in it."
     nowhere = f"; of no joint: {', '.join(hidden)}" if hidden else ""
-    note = f"-: cannot be told{nowhere}. ±: 95 %.{lag}"
-    return by_head(("Joint", *map(_head, shown)), rows, note=note)
+    return by_head(("Joint", *map(_head, shown)), rows, note=f"-: cannot be told{nowhere}. ±: 95 %.{lag}")
 
 
 def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iterator[Finding]:
@@ -133,8 +132,7 @@ def _details(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iter
         numbers += [(Path(x.path).name, own.numbers["stiffness"]) for x, own in zip(logs, each.alone, strict=False)]
         parts += [(each.name, cut(name, 40), *_numbers(x, _size("stiffness"))) for name, x in numbers]
     heads = "Joint", "of", f"{_head('stiffness')}|.3g", "95 % interval"
-    title = "Stiffness if the model lacked an effect, and of one log at a time"
-    yield Section(title, (by_head(heads, parts),))
+    yield Section("Stiffness if the model lacked an effect, and of one log at a time", (by_head(heads, parts),))
     left = ", ".join(f"{each.name} {1e3 * float(each.residual.std()):.2g} mrad" for each in joints)
     lag = "Damping is counted with the torque on the motor angle's clock: a lag of 1 ms counts as stiffness times 1 ms."
     yield Section("Residual", (f"Root mean square: {left}.", lag))

@@ -44,8 +44,7 @@ CROSS: Style = {"marker": "x", "markersize": 8, "markeredgewidth": 2.2, "color":
 
 def plan_figure(plan: "CampaignPlan") -> Figure:
     """Draw gain per hour over posture with the chosen experiments, and the standard deviations after each."""
-    title = f"What to measure next on {cut(plan.arm.name, 50)}"
-    figure = titled((13.0, 6.2), title, (0.12, 0.08), wspace=0.03)
+    figure = titled((13.0, 6.2), f"What to measure next on {cut(plan.arm.name, 50)}", (0.12, 0.08), wspace=0.03)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     _gain_over_posture(figure, left, plan)
     _sd_over_experiments(right, plan)

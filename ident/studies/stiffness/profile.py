@@ -74,11 +74,7 @@ class ProfileResult(Result):
 
 @study
 def profile(
-    arm: "ArmFile",
-    campaign: "Campaign",
-    options: ProfileOptions = DEFAULT,
-    *,
-    progress: Progress = silent,
+    arm: "ArmFile", campaign: "Campaign", options: ProfileOptions = DEFAULT, *, progress: Progress = silent
 ) -> ProfileResult:
     """Fit an arm to a campaign, and profile the likelihood of its parameters, priors included.
 

@@ -121,9 +121,10 @@ class SampleResult(Result):
 
     def _figures(self) -> "dict[str, Figure]":
         """Return figures of the posterior, of pairs of parameters and of the chains: `posterior`, `corner`, `trace`."""
-        from ident.studies.stiffness.sample_figure import sample_figures
+        from ident.studies.stiffness.sample_figure import corner_figure, posterior_figure, trace_figure
 
-        return sample_figures(self.sample)
+        drawn = {"posterior": posterior_figure, "corner": corner_figure, "trace": trace_figure}
+        return {name: figure(self.sample) for name, figure in drawn.items()}
 
     @property
     def _best(self) -> int:

@@ -39,11 +39,6 @@ WIDE: Style = {"marker": "", "linestyle": "-", "linewidth": 1.2, "color": BLUE}
 NARROW: Style = {"marker": "", "linestyle": "-", "linewidth": 3.6, "color": BLUE}
 
 
-def sample_figures(result: "CampaignSample") -> dict[str, Figure]:
-    """Return all figures of a sample by name: `posterior`, `corner` and `trace`."""
-    return {"posterior": posterior_figure(result), "corner": corner_figure(result), "trace": trace_figure(result)}
-
-
 def posterior_figure(result: "CampaignSample") -> Figure:
     """Draw posterior against prior, parameter by parameter, and predicted against measured."""
     rows_of_both = len(_shown(result)), min(len(result.fitted.campaign), DENSE)

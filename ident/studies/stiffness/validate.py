@@ -66,11 +66,7 @@ class ValidateResult(Result):
 
 @study
 def validate(
-    arm: "ArmFile",
-    campaign: "Campaign",
-    options: ValidateOptions = DEFAULT,
-    *,
-    progress: Progress = silent,
+    arm: "ArmFile", campaign: "Campaign", options: ValidateOptions = DEFAULT, *, progress: Progress = silent
 ) -> ValidateResult:
     """Report how far to trust a fitted arm in postures that were not measured.
 
