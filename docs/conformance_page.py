@@ -24,6 +24,8 @@ from numbers_in_text import NUMBER, parted  # noqa: E402
 PAGE, README = ROOT / "docs" / "conformance.md", ROOT / "README.md"
 DIGITS = 7
 """The most that a number shows."""
+SMALL = 4
+"""Numbers below 10 to the minus this are written with their power of ten."""
 CLOSE = 0.02
 """By which share numbers within texts may differ from machine to machine."""
 COUNT = re.compile(r"\[(\d+) comparisons")
@@ -33,9 +35,9 @@ INTRO = """# Conformance
 
 <!-- Written by docs/conformance_page.py from the records of one run of the tests; CI compares the two. -->
 
-What ident computes, against something that is not ident: a formula, a publication, a standard, another package.
-{count} comparisons of {numbers} numbers agree; [{differing} do not](#what-does-not-agree). Each line is an assertion
-of the test in its last column, which writes down what it compared.
+What ident computes, against what does not depend on it: a formula, a publication, a standard, another package, or
+another method. {count} comparisons of {numbers} numbers agree; [{differing} do not](#what-does-not-agree). Each
+line is an assertion of the test in its last column, which writes down what it compared.
 
 Of several numbers in a line, the largest is shown. *Used* is the share of the tolerance that the worst of them takes.
 """
@@ -64,25 +66,34 @@ def lines_of(folder: str) -> dict[Key, Record]:
     return dict(sorted(lines.items(), key=lambda line: (GROUPS.index(line[0][0]), line[1]["test"], line[0])))
 
 
-def decimals_of(tolerance: float) -> int:
-    """Return the decimals that a tolerance leaves to a number, one of them within it."""
-    return -int(f"{tolerance:e}".partition("e")[2]) if tolerance > 0 else 300
+def power(value: float) -> int:
+    """Return the power of ten of a number's first digit."""
+    return int(f"{value:e}".partition("e")[2])
 
 
-def number(value: float | str, tolerance: float, unit: str) -> str:
+def decimals_of(line: Record) -> int:
+    """Return the decimals of a line's numbers: those that its tolerance keeps, a band one more; `DIGITS` at most."""
+    order = power(max([abs(x) for x in (line["expected"], line["computed"]) if isinstance(x, float)]))
+    if line["tolerance"] == 0:
+        return DIGITS - 1 - order
+    return min(isinstance(line["expected"], str) - power(line["tolerance"]), DIGITS - 1 - order)
+
+
+def number(line: Record, name: str) -> str:
     """Write a number with the digits that the tolerance keeps; a text as it is."""
+    value = line[name]
     if isinstance(value, str):
         return value
-    decimals = decimals_of(tolerance)
-    order = int(f"{value:e}".partition("e")[2])
-    digits = min(order + decimals + 1, DIGITS)
-    if tolerance == 0 and value == int(value) and abs(value) < 10**DIGITS:
-        text = str(int(value))
-    elif value == 0 or digits < 1:
+    decimals = decimals_of(line)
+    if round(value, decimals) == 0:
         text = "0"
+    elif line["tolerance"] == 0 and value == int(value):
+        text = str(int(value))
+    elif power(value) < -SMALL:
+        text = f"{value:.{max(power(value) + decimals, 0)}e}"
     else:
-        text = f"{value:#.{digits}g}".rstrip(".")
-    return f"{text} {unit}".rstrip()
+        text = f"{round(value, decimals):.{max(decimals, 0)}f}"
+    return f"{text} {line['unit']}".rstrip()
 
 
 def tolerance_of(line: Record) -> str:
@@ -102,7 +113,7 @@ def cells(key: Key, line: Record) -> tuple[str, ...]:
     """Return the cells of a line, with nothing that could end one."""
     _, what, source = key
     file, _, test = line["test"].removeprefix("tests/").partition("::")
-    both = [number(line[name], line["tolerance"], line["unit"]) for name in ("expected", "computed")]
+    both = [number(line, name) for name in ("expected", "computed")]
     last = line["note"] if line["differs"] else tolerance_of(line) + used(line)
     row = (what, source, *both, last, f"`{file}` `{test}`")
     return tuple(re.sub(r"(?<!\\)\|", r"\\|", cell) for cell in row)
@@ -166,9 +177,7 @@ def same(line: Record, page: str, found: str, name: str) -> bool:
         by_count = " of " in page and len(numbers[0]) == len(numbers[1]) == 2 and numbers[0][1] == numbers[1][1]
         return alike(page, found, digit=True) or (by_count and abs(numbers[0][0] - numbers[1][0]) <= line["tolerance"])
     (shown, *unit), (_, *own_unit) = page.split(), found.split()
-    least = 0.5 * 10.0 ** -decimals_of(line["tolerance"]) if line["tolerance"] else 0.0
-    rounding = max(least, 0.5 * 10.0 ** (1 - DIGITS) * abs(value) * 10)
-    return unit == own_unit and abs(float(shown) - value) <= line["tolerance"] + rounding
+    return unit == own_unit and abs(float(shown) - value) <= line["tolerance"] + 0.51 * 10.0 ** -decimals_of(line)
 
 
 def differences(page: str, lines: dict[Key, Record]) -> list[str]:

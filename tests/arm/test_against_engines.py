@@ -28,6 +28,7 @@ from ident.identify.predict import read
 ARMS_EACH = 26
 JOINTS = [2, pytest.param(3, marks=pytest.mark.slow)]  # all joints driven, and one not
 ENGINES = (MujocoArm, PinocchioArm)
+NAMES = {"mass_matrix": "mass matrix", "gravity_gradient": "slope of gravity", "gravity_hessian": "Hessian of gravity"}
 READINGS = ("deflection", "rotation", "place", "twist of a joint")
 
 
@@ -104,9 +105,9 @@ def settle(engine: type, joints: int, index: int) -> tuple[Any, np.ndarray, np.n
 
 @pytest.mark.parametrize("joints", JOINTS)
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("quantity", ["mass_matrix", "gravity_gradient", "gravity_hessian"])
+@pytest.mark.parametrize("quantity", NAMES)
 def test_mechanics_at_any_phi(engine: type, joints: int, quantity: str) -> None:
-    what = f"{quantity.replace('_', ' ')} at any elastic rotation"
+    what = f"{NAMES[quantity]} at any elastic rotation"
     # measured: 2e-15 for M and gradient, 7e-14 for MuJoCo's Hessian by differences, 2e-15 for Pinocchio's
     for (_, _, x, mine), other in zip(cases(joints), engines(engine, joints), strict=True):
         expected = getattr(other, quantity)(x)

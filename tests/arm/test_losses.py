@@ -131,7 +131,7 @@ def test_the_damping_matrix_in_time_is_scipys_and_gives_the_ratios_of_the_comple
     assert np.linalg.eigvalsh(D)[0] > 0
     in_time = damped_eigenvalues(system._replace(C=D, L=None))
     found, expected = in_time.real / abs(in_time), s.real / abs(s)
-    what, source = "damping ratios of that matrix", "complex-stiffness eigenproblem"
+    what, source = "damping ratios of loss factors in time", "complex-stiffness eigenproblem"
     agrees(found, expected, "modal", what, source, rtol=1e-4)
 
 
@@ -140,7 +140,10 @@ def test_its_slopes_are_finite_where_frequencies_are_equal() -> None:
     along = np.array([[1.0, 0.7, 0.1], [0.7, -0.4, 0.2], [0.1, 0.2, 0.5]])
     slope = jax.jacfwd(lambda x: structural_damping(jnp.eye(3), K + x * along, L + x * along))(0.0)
     there, back = (direct(np.eye(3), K + x * along, L + x * along) for x in (1e-5, -1e-5))
-    what, source = "its slope at equal frequencies", "differences of SciPy's sqrtm and solve_sylvester"
+    what, source = (
+        "slope of the damping matrix at equal frequencies",
+        "differences of SciPy's sqrtm and solve_sylvester",
+    )
     agrees(slope, (there - back) / 2e-5, "modal", what, source, rtol=1e-7, atol=1e-8)
 
 

@@ -35,9 +35,9 @@ ENGINES = (PinocchioMoving, MujocoMoving)
 MOVING = {
     "inertia": "inverse dynamics of a moving arm",
     "springs": "springs and dampers of a moving arm",
-    "torques": "torques of its drives",
-    "mass": "its mass matrix",
-    "end point": "place of its end point",
+    "torques": "drive torques of a moving arm",
+    "mass": "mass matrix of a moving arm",
+    "end point": "end point of a moving arm",
 }
 EIGHTH_ORDER = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 

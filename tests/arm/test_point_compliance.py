@@ -67,7 +67,7 @@ def test_its_weight_makes_an_inverted_pendulum_softer_and_a_hanging_one_stiffer(
 def test_its_slope_by_the_stiffness_is_exact():
     arm = lever("z")
     slope = jax.jacfwd(lambda k: compliance(arm.replace({"j1.k_bend": k}), np.zeros(1))[0][0, 0, 0])(BEND)
-    expected, what = -(LEVER**2) / (BEND - MASS * G * LEVER) ** 2, "its slope by the stiffness"
+    expected, what = -(LEVER**2) / (BEND - MASS * G * LEVER) ** 2, "slope of the compliance by the stiffness"
     agrees(slope, expected, "statics", what, "-l^2 / (k - m g l)^2", rtol=1e-10)
 
 

@@ -286,7 +286,7 @@ def test_a_pendulum_sees_the_chord_at_rest_and_the_tangent_in_its_frequency():
     what, source = "pendulum on a broken line", "catalogue's third piece, SciPy's brentq"
     agrees(phi.ravel(), [0, angle, 0], "statics", what, source, rtol=1e-7, atol=1e-9, unit="rad")
     omega2 = (r3 * k1 + weight * np.sin(angle)) / (1.6 + 20.0 * 0.25)
-    expected, what = np.sqrt(omega2) / (2 * np.pi), "its frequency by the tangent"
+    expected, what = np.sqrt(omega2) / (2 * np.pi), "frequency of a pendulum on a broken line"
     agrees(hertz[0], expected, "modal", what, "(k3 + m g l sin) / I", rtol=1e-8, unit="Hz")
     chord = weight * np.cos(angle) / angle
     assert k1 * 1.3 < chord < 0.7 * r3 * k1

@@ -67,10 +67,19 @@ def test_a_fit_is_that_of_generalised_least_squares():
     found, source = fit(posed(MEASURED), starts=2), "generalised least squares, dense"
     best, known = generalised_least_squares(MEASURED)
     agrees(found.best.values, best, "inference", "fit with correlated errors", source, rtol=1e-7, atol=1e-9)
-    agrees(found.information.covariance, known, "inference", "its covariance", source, rtol=1e-9)
+    agrees(
+        found.information.covariance,
+        known,
+        "inference",
+        "covariance of a fit with correlated errors",
+        source,
+        rtol=1e-9,
+    )
     off = MEASURED - A @ best
     chi_squared = off @ np.linalg.solve(COVARIANCE, off)
-    agrees(found.chi_squared, chi_squared, "inference", "its chi-squared", source, rtol=1e-9)
+    agrees(
+        found.chi_squared, chi_squared, "inference", "chi-squared of a fit with correlated errors", source, rtol=1e-9
+    )
 
 
 def test_values_that_do_not_count_are_taken_out_of_their_group():

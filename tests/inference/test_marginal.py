@@ -70,7 +70,10 @@ def test_a_factor_is_integrated_among_correlated_errors():
         points = np.column_stack([np.tile(theta_i, (len(grid), 1)), grid])
         log = np.asarray(evaluate(whole, points, len(grid)).log_density)
         expected = log.max() + np.log(np.trapezoid(np.exp(log - log.max()), grid))
-        what, source = "the same with correlated errors", "the whole posterior, NumPy's trapezoid"
+        what, source = (
+            "density with correlated errors, discrepancies integrated out",
+            "the whole posterior, NumPy's trapezoid",
+        )
         agrees(value, expected, "inference", what, source, atol=1e-6)
     both = posterior(with_discrepancy(plain, {"deflection": width, "frequency": width}), ())
     assert not Marginal(both).integrated.any()

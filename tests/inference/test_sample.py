@@ -99,7 +99,14 @@ def test_linear_gaussian_draws_agree_with_the_closed_form(linear, drawn):
     found, _, mean, covariance = linear
     source = "normal, closed form"
     agrees(found.best.theta, mean, "inference", "fit of a linear model with priors", source, rtol=1e-8)
-    agrees(found.information.covariance, covariance, "inference", "its covariance by the fit", source, rtol=1e-8)
+    agrees(
+        found.information.covariance,
+        covariance,
+        "inference",
+        "covariance of a linear model with priors",
+        source,
+        rtol=1e-8,
+    )
     (diagnosis,) = drawn.diagnosis
     assert diagnosis.enough(4000)
     draws, sd = drawn.draws(), np.sqrt(np.diag(covariance))

@@ -57,7 +57,7 @@ def test_of_a_linear_model_the_score_is_the_amount_that_fits_best_in_its_own_sd(
     assert test.sd == pytest.approx(sd, rel=1e-9)
     what, source = "score of a perturbation", "the fit with it as an unknown"
     agrees(test.z * test.sd, amount, "inference", what, source, rtol=1e-7)
-    p_value, what = 2 * norm.sf(abs(amount / sd)), "its p-value"
+    p_value, what = 2 * norm.sf(abs(amount / sd)), "p-value of a perturbation"
     agrees(test.p_value, p_value, "inference", what, "SciPy's normal distribution", rtol=1e-6)
 
 

@@ -24,7 +24,10 @@ def spectra(hits=6, noise=0.0, force_noise=0.0, seed=3):
 def test_without_noise_each_hit_says_the_truth(estimator):
     true, force, answer = spectra()
     force = np.broadcast_to(force, (6, len(LINES)))
-    found, what = contributions(force, answer, estimator), f"frequency response by {estimator}, without noise"
+    found, what = (
+        contributions(force, answer, estimator),
+        f"frequency response by {estimator.capitalize()}, without noise",
+    )
     agrees(found, np.stack([true] * 6), "modal", what, "1 / (9 - f^2 + 0.4 i f)", rtol=1e-12)
     np.testing.assert_allclose(coherence(force, answer), 1.0, rtol=1e-12)
 
@@ -67,7 +70,7 @@ def test_the_scatter_of_contributions_is_that_of_the_estimate(estimator):
         means.append(each.mean(0))
         variances.append(each.var(0, ddof=1) / 5)
     ratio = np.var(means, 0, ddof=1).mean() / np.mean(variances)
-    what, source = f"variance of {estimator} by its hits", "300 repeated tests"  # 80 lines x 300: 1 % sd
+    what, source = f"variance of {estimator.capitalize()} by its hits", "300 repeated tests"  # 80 lines x 300: 1 % sd
     agrees(ratio, 1.0, "modal", what, source, atol=0.05)
 
 

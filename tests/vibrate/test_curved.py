@@ -94,7 +94,7 @@ def test_the_exact_method_follows_the_curve(cubic: bool):
     curve, source = "cubic" if cubic else "broken line", "SciPy's DOP853 on its own equation"
     what = f"a pendulum on a {curve} in motion"
     agrees(x, expected, "vibration", what, source, rtol=1e-7, largest=1e-7, unit="rad")
-    found, what = np.asarray(response.spring_moment)[1, 0], f"torque of its {curve}"
+    found, what = np.asarray(response.spring_moment)[1, 0], f"torque of a pendulum's {curve}"
     agrees(found, torque(x), "vibration", what, "SciPy's PPoly and closed form", rtol=1e-9, unit="N m")
 
 
