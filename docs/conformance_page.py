@@ -30,7 +30,7 @@ CLOSE = 0.02
 """By which share numbers within texts may differ from machine to machine."""
 COUNT = re.compile(r"\[(\d+) comparisons")
 HEAD = ("what", "from", "expected", "computed", "tolerance", "test")
-NO_HEAD = ("what", "from", "it says", "computed", "why", "test")
+NO_HEAD = ("it says", "from", "computed", "asserted", "why", "test")
 INTRO = """# Conformance
 
 <!-- Written by docs/conformance_page.py from the records of one run of the tests; CI compares the two. -->
@@ -47,6 +47,7 @@ NOT = """
 Statements of the paper that the model contradicts, or that nothing here can judge. Each is asserted to differ as
 stated; [the paper and the model](paper.md) has all statements.
 """
+AS_SAID = "as it says"
 Record = dict[str, Any]
 Key = tuple[str, str, str]
 
@@ -54,7 +55,7 @@ Key = tuple[str, str, str]
 def lines_of(folder: str) -> dict[Key, Record]:
     """Return the lines of a page by group, what and source, in the order of the page."""
     lines = {}
-    for key, kept in records(folder).items():
+    for order, (key, kept) in enumerate(records(folder).items()):
         tests = {each["test"].partition("[")[0] for each in kept}
         if len(tests) > 1:
             sys.exit(f"{': '.join(key)}: compared in several tests ({', '.join(sorted(tests))}); name them apart")
@@ -62,7 +63,7 @@ def lines_of(folder: str) -> dict[Key, Record]:
         sizes = [abs(each["expected"]) if isinstance(each["expected"], float) else 0.0 for each in kept]
         shown = kept[next(i for i, size in enumerate(sizes) if size >= (1 - NEARLY) * max(sizes))]
         whole = {"numbers": sum(each["numbers"] for each in kept), "used": max(each["used"] for each in kept)}
-        lines[key] = shown | whole | {"test": tests.pop()}
+        lines[key] = shown | whole | {"test": tests.pop(), "order": order}
     return dict(sorted(lines.items(), key=lambda line: (GROUPS.index(line[0][0]), line[1]["test"], line[0])))
 
 
@@ -113,9 +114,12 @@ def cells(key: Key, line: Record) -> tuple[str, ...]:
     """Return the cells of a line, with nothing that could end one."""
     _, what, source = key
     file, _, test = line["test"].removeprefix("tests/").partition("::")
-    both = [number(line, name) for name in ("expected", "computed")]
-    last = line["note"] if line["differs"] else tolerance_of(line) + used(line)
-    row = (what, source, *both, last, f"`{file}` `{test}`")
+    expected, computed = (number(line, name) for name in ("expected", "computed"))
+    if line["differs"]:
+        values = (computed, line["rule"], line["note"])
+    else:
+        values = (AS_SAID if expected == what else expected, computed, tolerance_of(line) + used(line))
+    row = (what, source, *values, f"`{file}` `{test}`")
     return tuple(re.sub(r"(?<!\\)\|", r"\\|", cell) for cell in row)
 
 
@@ -128,7 +132,7 @@ def table(lines: dict[Key, Record], head: tuple[str, ...] = HEAD) -> str:
 def page_of(lines: dict[Key, Record]) -> str:
     """Return the page."""
     agreeing = {key: line for key, line in lines.items() if not line["differs"]}
-    differing = {key: line for key, line in lines.items() if line["differs"]}
+    differing = dict(sorted(((k, v) for k, v in lines.items() if v["differs"]), key=lambda each: each[1]["order"]))
     total = sum(line["numbers"] for line in agreeing.values())
     parts = [INTRO.format(count=len(agreeing), numbers=f"{total:,}", differing=len(differing))]
     counts = Counter(group for group, _, _ in agreeing)
@@ -189,10 +193,10 @@ def differences(page: str, lines: dict[Key, Record]) -> list[str]:
     for place in new.keys() & shown.keys():
         key, line = new[place]
         old, now = shown[place], cells(key, line)
-        for i, name in ((2, "expected"), (3, "computed")):
+        for i, name in [(2, "computed")] if line["differs"] else [(2, "expected"), (3, "computed")]:
             if not same(line, old[i], now[i], name):
                 found.append(f"{': '.join(place)}: {name} {now[i]}, on the page {old[i]}")
-        last = [row[4].partition("<br>")[0] for row in (old, now)]
+        last = [" ".join(row[3 + (not line["differs"]) : 5]).partition("<br>")[0] for row in (old, now)]
         if not alike(*last) or old[5] != now[5]:
             found.append(f"{': '.join(place)}: {last[1]} {now[5]}, on the page {last[0]} {old[5]}")
     return sorted(found)

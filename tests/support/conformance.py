@@ -147,6 +147,8 @@ def records(folder):
 def main(folder, count=10, seed=0):
     """Run the tests of some lines with the computed values moved; return how many of them do not fail."""
     lines = sorted((line, min(each["test"] for each in kept)) for line, kept in records(folder).items())
+    if not lines:
+        sys.exit(f"{folder}: no records")
     random.Random(int(seed)).shuffle(lines)
     chosen = {}
     for line, test in lines:
