@@ -147,7 +147,7 @@ def test_the_page_has_its_counts_and_names_tests_that_there_are():
     for group in GROUPS:
         assert int(counts[group]) == sum(place[0] == group for place in agreeing) > 0
     assert COUNT.search(README.read_text(encoding="utf-8"))[1] == str(len(agreeing))
-    assert f"\n{len(agreeing)} comparisons of" in page
+    assert f"{len(agreeing)} comparisons of" in page
     for row in rows.values():
         file, name = re.fullmatch(r"`(\S+)` `(\w+)`", row[HEAD.index("test")]).groups()
         assert f"def {name}(" in (TESTS / file).read_text(encoding="utf-8"), row
