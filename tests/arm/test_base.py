@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
+from conformance import agrees
 from engines import MujocoArm, stiffness
 from jaxtyping import Array
 from scipy.linalg import eigh
@@ -46,7 +47,8 @@ def test_a_rigid_body_rocks_on_the_base_as_an_inverted_pendulum_on_a_spring(heig
     turning = np.sqrt(2 * k / (moment / 2 + float(pedestal.inertia[2, 2]))) / (2 * np.pi)
     found = np.asarray(seen(arm, jnp.zeros(1))[0])[:3]
     # the body's own bushing gives 1/20000 and 1/10000 of the compliance
-    np.testing.assert_allclose(found, sorted([rocking, rocking, turning]), rtol=2e-4)
+    expected, source = sorted([rocking, rocking, turning]), "inverted pendulum on a spring, closed form"
+    agrees(found, expected, "modal", "rigid body rocking on a soft base", source, rtol=2e-4, unit="Hz")
 
 
 def test_nothing_moves_where_the_base_is_put_under_it():
@@ -76,8 +78,10 @@ def test_frequencies_and_deflection_are_those_of_mujoco(seed):
     H = engine.gravity_hessian(settled) + K
     inverse = eigh(engine.mass_matrix(settled), (H + H.T) / 2, eigvals_only=True)[::-1]
     found, moved = map(np.asarray, seen(arm, posture))
-    np.testing.assert_allclose(found, 1 / (2 * np.pi * np.sqrt(inverse)), rtol=1e-8)
-    np.testing.assert_allclose(moved[:, -1], engine.point(settled) - engine.point(0 * settled), rtol=1e-9, atol=1e-12)
+    hertz = 1 / (2 * np.pi * np.sqrt(inverse))
+    agrees(found, hertz, "modal", "natural frequencies on a soft base", "MuJoCo, modes by LAPACK", rtol=1e-8, unit="Hz")
+    sag, source = engine.point(settled) - engine.point(0 * settled), "MuJoCo, settled by MINPACK"
+    agrees(moved[:, -1], sag, "statics", "deflection on a soft base", source, rtol=1e-9, atol=1e-12, unit="m")
 
 
 def test_asked_for_twice_it_is_put_there_once():

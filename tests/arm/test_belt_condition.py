@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from conformance import agrees
 
 from ident.arm.belts import belt_mismatches
 from ident.arm.multibody import multibody, stretch
@@ -31,7 +32,8 @@ def stretches(arm):
 def test_drives_that_turn_alike_would_stretch_the_belts_by_metres():
     """The driver turns 119 times seen from the link, at 60 mm; the driven one 240 times the other way, at 30 mm."""
     found = stretches(arm_of(120, 120, 120))
-    assert found["belt1"] == pytest.approx((0.06 * 119 + 0.03 * 240) * np.radians(80))
+    expected, source = (0.06 * 119 + 0.03 * 240) * np.radians(80), "turns of both pulleys, by hand"
+    agrees(found["belt1"], expected, "mechanics", "stretch of a belt that cannot run", source, rtol=1e-6, unit="m")
     assert found["belt1"] == pytest.approx(20.02, abs=0.005)
     assert found["belt2"] == pytest.approx((0.03 * 238 + 0.06 * 120) * np.radians(80))
 
@@ -54,13 +56,15 @@ def test_it_is_the_stretch_of_elastic_belts_whose_pins_move_along_the_stroke(rat
     e = np.asarray(eqx.filter_jit(stretch)(model, jnp.zeros((3, 3)), jnp.asarray(alpha * DIRECTION), jnp.zeros(3)))
     np.testing.assert_allclose(e[0], -e[1], rtol=1e-9)
     longer = np.abs(e[0]) * np.radians(80) / alpha
-    assert list(stretches(arm).values()) == pytest.approx(list(longer), rel=1e-9)
+    found, source = list(stretches(arm).values()), "equations of elastic belts, pins moved along the stroke"
+    agrees(found, longer, "mechanics", "stretch of a belt over the stroke", source, rtol=1e-9, unit="m")
 
 
 def test_the_remedies_that_it_names_let_the_belt_run():
     arm = arm_of(120, -120, 120)
     first = belt_mismatches(arm)[0]
-    assert first.ratio == pytest.approx(-119)
+    source = "a belt of two to one, by hand"
+    agrees(first.ratio, -119, "mechanics", "ratio with which a belt runs", source, rtol=1e-6)
     assert "belt1" not in stretches(arm.replace({f"{first.drive}.ratio": first.ratio}))
     assert "belt1" not in stretches(arm.replace({"belt1.driven_radius": first.radius}))
     other_way = belt_mismatches(arm_of(120, 120, 120))[0]

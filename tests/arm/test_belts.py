@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import random_body
+from conformance import agrees
 from driven_arms import driven_arm, random_loads, random_state
 from moving_engines import PinocchioMoving
 from scipy.spatial.transform import Rotation
@@ -77,9 +78,11 @@ def test_textbook_on_straight_shafts(radii: tuple[float, float], xi: tuple[float
 
     np.testing.assert_allclose(on_bushings[:, 0], 0.0)
     moment = np.cross(h * Z, force) + torque[1] * Z
-    np.testing.assert_allclose(-on_bushings[:, 1], moment, rtol=1e-10, atol=1e-9 * np.abs(moment).max())
+    source = "textbook on straight shafts, two tensions"
+    what = "moment of a belt on the driven shaft"
+    agrees(-on_bushings[:, 1], moment, "mechanics", what, source, rtol=1e-10, largest=1e-9, unit="N m")
     by_pins = ((RATIOS[0] - 1) * torque[0], RATIOS[1] * torque[1])
-    np.testing.assert_allclose(-on_pins, by_pins, rtol=1e-10)
+    agrees(-on_pins, by_pins, "mechanics", "torques of a belt on the pins", source, rtol=1e-10, unit="N m")
 
 
 @pytest.mark.slow
@@ -90,7 +93,9 @@ def test_across_the_line_of_centres() -> None:
     upper, lower = textbook((0.06, 0.03), (0.01, 0.0))
     force = upper * ends[0] + lower * ends[1] - T0 * (ends[0] + ends[1])
     on_bushings, _ = forces(pair((0.06, 0.03)), xi=(0.01 / (RATIOS[0] - 1), 0.0))
-    np.testing.assert_allclose(-on_bushings[:2, 1], np.cross(0.1 * Z, [*force, 0])[:2], rtol=1e-10)
+    moment, source = np.cross(0.1 * Z, [*force, 0])[:2], "a drawing of the open belt"
+    what = "pull of unequal pulleys across the line of centres"
+    agrees(-on_bushings[:2, 1], moment, "mechanics", what, source, rtol=1e-10, unit="N m")
 
 
 def drawing(one: np.ndarray, two: np.ndarray, radii: tuple[float, float]) -> list[list[np.ndarray]]:
@@ -148,7 +153,8 @@ def test_stretch_against_a_drawing(radii: tuple[float, float], large: bool) -> N
         expected = belt_lengths(tilted[:2], theta, radii) - belt_lengths(offset[:2], (0, 0), radii)
         phi = np.stack([rng.normal(size=3), phi2], 1)
         found = stretch_of(of, *(jnp.asarray(x) for x in (phi, xi, error)))[:, 0]
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=3e-15)
+        what, source = "stretch of a belt, shafts tilted and turned", "a drawing of the open belt"
+        agrees(found, expected, "mechanics", what, source, rtol=1e-9, atol=3e-15, unit="m")
 
 
 @pytest.mark.slow
@@ -157,7 +163,8 @@ def test_pure_torsion_turns_the_pulley_by_its_whole_angle() -> None:
     of = pair((0.05, 0.03))
     phi = jnp.zeros((3, 2)).at[2, 1].set(2.5)
     e = stretch_of(of, phi, jnp.zeros(2), jnp.zeros(2))[:, 0]
-    np.testing.assert_allclose(e, [-0.03 * 2.5, 0.03 * 2.5], rtol=1e-14)
+    expected, what = [-0.03 * 2.5, 0.03 * 2.5], "stretch by a pulley turned about its axis"
+    agrees(e, expected, "mechanics", what, "radius times angle", rtol=1e-14, unit="m")
 
 
 def energy(of: Multibody, phi: jax.Array, xi: jax.Array) -> jax.Array:
@@ -191,7 +198,7 @@ def test_forces_are_the_gradient_of_an_energy(pretension: float) -> None:
         found = forces_of(of, (phi, xi, none), (0 * phi, none, none))[:2]
         expected = slopes_of_energy(of, phi, xi)
         for a, b in zip(found, expected, strict=True):
-            np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-12 * np.abs(b).max())
+            agrees(a, b, "mechanics", "forces of belts, some slack", "slope of their energy", rtol=1e-10, largest=1e-12)
         e = stretch_of(of, phi, xi, none)
         seen.add(bool((tensions(of, e, 0 * e) == 0).any()))
     assert seen == {pretension < 1e6}
@@ -200,7 +207,8 @@ def test_forces_are_the_gradient_of_an_energy(pretension: float) -> None:
 def test_a_slack_span_pulls_with_zero() -> None:
     of = pair((0.06, 0.03), tau=1e-3)
     e = jnp.asarray([[-1.0], [1e-3]])
-    np.testing.assert_allclose(tensions(of, e, 0 * e)[:, 0], [0.0, T0 + K * 1e-3])
+    expected, source = [0.0, T0 + K * 1e-3], "textbook: no span pushes"
+    agrees(tensions(of, e, 0 * e)[:, 0], expected, "mechanics", "tension of a slack span", source, rtol=1e-7, unit="N")
     fast = jnp.asarray([[-10.0], [-1.0]])
     np.testing.assert_allclose(tensions(of, 0 * e, fast)[:, 0], [0.0, T0 - K * 1e-3])
 
@@ -250,7 +258,6 @@ def slope(values: Callable[[float], Any], h: float = 1e-4) -> Any:
 def test_residual_with_belts_against_engine_and_drawing(error: bool) -> None:
     """Pinocchio's arm and the drawn belts together, in motion, damped, some spans slack."""
     rng = np.random.default_rng(4)
-    errors = []
     for _ in range(3):
         arm = driven_arm(rng, 4, error=error, belts=True, parallel=True)
         loads = random_loads(rng, arm)
@@ -261,9 +268,8 @@ def test_residual_with_belts_against_engine_and_drawing(error: bool) -> None:
         y, yd, ydd = (np.array(part) for part in at)
         found = np.asarray(residual_of(of, Command(*map(jnp.asarray, state.command)), *at))
         expected = engine.residual(state.command, y, yd, ydd) + drawn_forces(engine, state.command, y, yd)
-        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
-    # measured: 8e-11, of the differences
-    assert max(errors) < 1e-9
+        source = "Pinocchio, and a drawing of the belts"  # measured: 8e-11, of the differences
+        agrees(found, expected, "mechanics", "equations of motion with belts", source, largest=1e-9)
 
 
 @eqx.filter_jit

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
+from conformance import agrees
 from equinox import filter_jit
 from potential import potential_energy
 
@@ -34,7 +35,9 @@ def test_with_its_hinges_at_rest_it_is_the_same_arm(arm):
     wide[:, own_places] = phi
     rows = np.ravel([[3 * place + a for a in range(3)] for place in own_places])
     mass, change, places = zip(seen(arm, posture, phi), seen(pieces.arm, posture, wide), strict=True)
-    np.testing.assert_allclose(np.asarray(mass[1])[np.ix_(rows, rows)], mass[0], rtol=1e-11, atol=1e-12)
+    source = "the arm that is not cut"
+    what = "mass matrix of an arm with flexible links at rest"
+    agrees(np.asarray(mass[1])[np.ix_(rows, rows)], mass[0], "mechanics", what, source, rtol=1e-11, atol=1e-12)
     assert float(change[1]) == pytest.approx(float(change[0]), rel=1e-11)
     np.testing.assert_allclose(places[1], places[0], atol=1e-13)
 
@@ -45,7 +48,8 @@ def test_it_is_cut_under_its_foot_and_in_the_middle_of_each_link():
     straight = np.cumsum([np.asarray(joint.offset) for joint in pieces.arm.joints], 0)
     ends = np.array([[0, 0, 0], [1.0, 0, 0.12], [2.0, 0, 0.24], [4.79, 0, 0.29]])
     middles = straight[[hinge.place for hinge in pieces.hinges if hinge.link]]
-    np.testing.assert_allclose(middles, (ends[:-1] + ends[1:]) / 2, atol=1e-12)
+    what = "hinges in the middle of each link"
+    agrees(middles, (ends[:-1] + ends[1:]) / 2, "mechanics", what, "by hand", atol=1e-12, unit="m")
     np.testing.assert_allclose(straight[0], [0, 0, -np.hypot(1.0, 0.12) / 2], atol=1e-12)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.linalg as sl
 from arms import posture_of, random_arm, without_gravity
+from conformance import agrees
 from engines import EIGHTH_ORDER
 from jaxtyping import Array
 from potential import potential_energy
@@ -83,11 +84,13 @@ def test_gradient_hessian_and_second_variations_are_those_of_the_energies() -> N
 
     gradient, hessian = slopes(chain, phi)
     for found, expected in zip((gradient, hessian), derivatives(chain, phi.T.reshape(-1)), strict=True):
-        assert worst(found, expected) < 1e-13
+        what, source = "gradient and Hessian of the potential", "automatic differentiation of the energy"
+        agrees(found, expected, "statics", what, source, largest=1e-13)
     assert worst(gradient_of(chain, phi), gradient) < 1e-15
     flat = v.T.reshape(-1)
     for found, matrix in zip(jax.jit(second_variations)(chain, phi, v), (hessian, masses(chain, phi)), strict=True):
-        assert float(found) == pytest.approx(float(flat @ matrix @ flat), rel=1e-12)
+        what, source = "second variations of both energies", "v' H v and v' M v"
+        agrees(found, flat @ matrix @ flat, "mechanics", what, source, rtol=1e-12)
 
 
 # modes
@@ -97,13 +100,16 @@ def test_modes_are_mass_normalised_and_orthogonal() -> None:
     chain = held(*sample())
     system, found = system_of(chain), all_modes(chain)
     V, omega = found.shape, 2 * np.pi * found.frequency
-    assert jnp.abs(V.T @ system.M @ V - jnp.eye(9)).max() < 1e-11
-    assert jnp.abs(V.T @ system.H @ V / omega[:, None] / omega - jnp.eye(9)).max() < 1e-11
+    source = "V' M V = 1, V' K V = omega^2"
+    agrees(V.T @ system.M @ V, jnp.eye(9), "modal", "modes are orthogonal in the mass", source, atol=1e-11)
+    K = V.T @ system.H @ V / omega[:, None] / omega
+    agrees(K, jnp.eye(9), "modal", "modes are orthogonal in the stiffness", source, atol=1e-11)
 
 
 def test_shares_sum_to_one() -> None:
     found = all_modes(held(*sample()))
-    assert jnp.abs(found.bend.sum(0) + found.tors.sum(0) - 1).max() < 1e-14
+    shares = found.bend.sum(0) + found.tors.sum(0)
+    agrees(shares, 1, "modal", "shares of the strain energy", "they sum to 1", atol=1e-14)
     assert found.bend.min() >= 0
     assert found.tors.min() >= 0
 
@@ -121,14 +127,18 @@ def test_frequency_slope_is_the_energy_share() -> None:
     for name, joint in product(("bend", "tors"), range(3)):
         f = partial(frequency, name, joint)
         slopes.append(sum(w * (f(1e-3 * n) - f(-1e-3 * n)) for n, w in EIGHTH_ORDER.items()) / 1e-3)
-    assert worst(jnp.stack(slopes), jnp.concatenate([found.bend, found.tors]) * found.frequency / 2) < 1e-10
+    by_energy = jnp.concatenate([found.bend, found.tors]) * found.frequency / 2
+    source = "Rayleigh: share of the strain energy times f / 2"
+    agrees(jnp.stack(slopes), by_energy, "modal", "slope of a frequency by ln stiffness", source, largest=1e-10)
 
 
 def test_frequencies_scale_with_the_root_of_stiffness() -> None:
     """Exact without gravity, whose own stiffness does not scale."""
     chain = held(*sample(3, 0.0))
     stiff = eqx.tree_at(lambda c: (c.bend, c.tors), chain, (4 * chain.bend, 4 * chain.tors))
-    assert worst(all_modes(stiff).frequency, 2 * all_modes(chain).frequency) < 1e-12
+    found, expected = all_modes(stiff).frequency, 2 * all_modes(chain).frequency
+    what, source = "frequencies of an arm four times as stiff", "root of the stiffness: twice"
+    agrees(found, expected, "modal", what, source, largest=1e-12, unit="Hz")
 
 
 def test_motion_is_how_the_points_move() -> None:
@@ -138,7 +148,8 @@ def test_motion_is_how_the_points_move() -> None:
     for i in range(3):
         step = h * unflatten(found.shape[:, i])
         moved = (places(chain, phi + step) - places(chain, phi - step)) / (2 * h)
-        assert worst(found.motion[:, :, i], moved) < 1e-7
+        what, source = "mode shapes at the points", "central differences of positions"
+        agrees(found.motion[:, :, i], moved, "modal", what, source, largest=1e-7)
 
 
 def test_mac() -> None:
@@ -149,7 +160,8 @@ def test_mac() -> None:
     assert jnp.allclose(mac(a, b), mac(b, a), rtol=1e-14)
     assert (mac(a, b) < 1).all()
     assert mac(jnp.eye(3)[0], jnp.eye(3)[1]) == 0
-    assert jnp.allclose(mac(jnp.array([1.0, 1.0]), jnp.array([1.0, 0.0])), 0.5)
+    found = mac(jnp.array([1.0, 1.0]), jnp.array([1.0, 0.0]))
+    agrees(found, 0.5, "modal", "MAC of shapes at 45 degrees", "cos^2", rtol=1e-7)
 
 
 # closed forms of one body on one bushing
@@ -170,7 +182,9 @@ def test_pendulum_frequencies(height: float) -> None:
     about_x, about_y = (900 - 4 * G * height), (900 - 4 * G * height)
     squared = [about_x / (0.5 + 4 * 0.16), about_y / (0.6 + 4 * 0.16), 200 / 0.1]
     found = all_modes(held(pendulum(height), jnp.zeros(1)))
-    assert np.allclose(found.frequency, np.sort(np.sqrt(squared)) / (2 * np.pi), rtol=1e-13)
+    expected, source = np.sort(np.sqrt(squared)) / (2 * np.pi), "omega^2 = (k -/+ m g h) / I"
+    what = "pendulum on a bushing, standing and hanging"
+    agrees(found.frequency, expected, "modal", what, source, rtol=1e-13, unit="Hz")
 
 
 @pytest.mark.parametrize("tilt", [0.3, np.pi / 2])
@@ -182,7 +196,8 @@ def test_pendulum_deflection(tilt: float) -> None:
     assert abs(900 * theta - 4 * G * 0.4 * np.sin(tilt + theta)) < 1e-11
     assert np.abs(phi[::2]).max() < 1e-15
     expected = [0.4 * np.sin(theta), 0.0, 0.4 * (np.cos(theta) - 1)]
-    assert np.abs(moved_by(chain, phi)[:, 0] - np.array(expected)).max() < 1e-15
+    what, source = "deflection of a leaning rod", "k theta = m g h sin(tilt + theta)"
+    agrees(moved_by(chain, phi)[:, 0], expected, "statics", what, source, atol=1e-15, unit="m")
 
 
 # damping
@@ -194,7 +209,8 @@ def test_damped_eigenvalues_of_single_modes() -> None:
     omega = np.sqrt([900 / (0.6 + 0.64), 900 / (0.5 + 0.64), 200 / 0.1])
     zeta = np.array([2e-3, 2e-3, 5e-4]) * omega / 2
     expected = -zeta * omega + 1j * omega * np.sqrt(1 - zeta**2)
-    assert np.abs(s / expected - 1).max() < 1e-12
+    what, source = "damped poles of single modes", "-zeta w + i w sqrt(1 - zeta^2)"
+    agrees(s, expected, "modal", what, source, rtol=1e-12, unit="rad/s")
 
 
 def test_proportional_damping_on_a_whole_arm() -> None:
@@ -204,7 +220,8 @@ def test_proportional_damping_on_a_whole_arm() -> None:
     s = damped(system)
     omega = 2 * np.pi * all_modes(held(arm, posture)).frequency
     assert np.allclose(jnp.abs(s), omega, rtol=1e-10)
-    assert np.allclose(-s.real / jnp.abs(s), 1e-4 * omega / 2, rtol=1e-9)
+    what, source = "damping ratios of stiffness-proportional damping", "tau omega / 2"
+    agrees(-s.real / jnp.abs(s), 1e-4 * omega / 2, "modal", what, source, rtol=1e-9)
 
 
 def test_damped_eigenvalues_against_the_state_matrix() -> None:
@@ -215,7 +232,9 @@ def test_damped_eigenvalues_against_the_state_matrix() -> None:
     values = sl.eigvals(state)
     found = np.asarray(damped(system))
     assert len(np.unique(found.round(6))) == 9
-    assert max(np.abs(values / s - 1).min() for s in found) < 1e-9
+    nearest = np.array([values[np.abs(values / s - 1).argmin()] for s in found])
+    source = "SciPy's eigenvalues of the state matrix"
+    agrees(nearest / found, 1, "modal", "damped poles of a whole arm", source, atol=1e-9)
 
 
 def test_an_overdamped_mode_does_not_shift_the_damping_of_the_others() -> None:
@@ -223,7 +242,8 @@ def test_an_overdamped_mode_does_not_shift_the_damping_of_the_others() -> None:
     M, C, H = jnp.eye(2), jnp.diag(jnp.array([5.0, 0.1])), jnp.diag(jnp.array([4.0, 100.0]))
     s = damped(Linearized(jnp.zeros((3, 1)), M, C, H))
     assert s[0] == pytest.approx(-1.0)
-    assert -s[1].real / abs(s[1]) == pytest.approx(0.005)
+    what = "damping ratio next to an overdamped mode"
+    agrees(-s[1].real / abs(s[1]), 0.005, "modal", what, "c / (2 omega)", rtol=1e-6)
 
 
 # batches
@@ -306,14 +326,16 @@ def test_force_does_virtual_work_at_its_point() -> None:
     jacobian = of_tip(bare, phi)
     difference = gradient_of(loaded, phi) - gradient_of(bare, phi)
     # the springs' moments, 1e5 N m, cancel in the difference
-    assert worst(difference, -jacobian.T @ force) < 1e-11
+    what, source = "generalised forces of a load at a point", "virtual work, -J' F"
+    agrees(difference, -jacobian.T @ force, "statics", what, source, largest=1e-11)
 
 
 def test_weight_as_a_force_sags_like_a_point_mass() -> None:
     arm, posture = sample()
     by_mass = loaded_at_tip(arm, posture, 0.0, 3.0, jnp.zeros(3))
     by_force = loaded_at_tip(arm, posture, 0.0, 0.0, 3.0 * arm.gravity)
-    assert worst(settle(by_mass), settle(by_force)) < 1e-12
+    what, source = "equilibrium under a point mass", "its weight as a force"
+    agrees(settle(by_mass), settle(by_force), "statics", what, source, largest=1e-12, unit="rad")
     assert all_modes(by_mass).frequency[0] < all_modes(by_force).frequency[0]
 
 
@@ -331,7 +353,8 @@ def test_small_force_moves_the_tip_by_the_compliance() -> None:
             chain = loaded_at_tip(arm, posture, 0.0, 0.0, sign * jnp.asarray(force))
             ends.append(places(chain, settle(chain))[:, -1])
         moved.append((ends[0] - ends[1]) / 2)
-    assert worst(jnp.stack(moved, 1), compliance) < 1e-7
+    what, source = "compliance of the tip by nonlinear statics", "J H^-1 J', reciprocity"
+    agrees(jnp.stack(moved, 1), compliance, "statics", what, source, largest=1e-7, unit="m/N")
 
 
 def test_equilibrium_is_nan_where_the_arm_buckles_and_leaves_the_others_of_a_batch_alone() -> None:

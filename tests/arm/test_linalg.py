@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.linalg as sl
+from conformance import agrees
 
 from ident.arm.linalg import inverse_cholesky_factor, largest_eigenpairs, lowest_modes, solve_positive
 from ident.programs import jit
@@ -95,7 +96,9 @@ def test_eigenpairs(n: int) -> None:
     A, values, V = solved_pairs(n)
     expected = np.linalg.eigvalsh(A)[:, ::-1]
     largest, tolerance = expected[:, :1], 30 * n * EPS
-    assert (np.abs(values - expected) / largest).max() < tolerance
+    found, exact = values / largest, expected / largest
+    what = "eigenvalues, clustered, repeated, graded, singular"
+    agrees(found, exact, "mechanics", what, "NumPy (LAPACK)", atol=tolerance)
     assert (np.abs(A @ V - V * values[:, None]) / largest[..., None]).max() < tolerance
     off = np.abs(np.swapaxes(V, 1, 2) @ V - np.eye(n)).max((1, 2))
     assert off[: len(SPECTRA)].max() < tolerance
@@ -105,7 +108,7 @@ def test_eigenpairs(n: int) -> None:
 def test_lowest_modes_against_scipy() -> None:
     H, M = random_positive(9, 1), random_positive(9, 2)
     values, V = (np.asarray(x) for x in low(jnp.asarray(H), jnp.asarray(M), 9))
-    assert np.abs(values / sl.eigh(H, M, eigvals_only=True) - 1).max() < 1e-11
+    agrees(values, sl.eigh(H, M, eigvals_only=True), "modal", "generalised eigenvalues", "SciPy's eigh", rtol=1e-11)
     assert np.abs(V.T @ M @ V - np.eye(9)).max() < 1e-11
     assert np.abs(V.T @ H @ V - np.diag(values)).max() < 1e-11 * values[-1]
 
@@ -117,7 +120,7 @@ def test_lowest_of_a_graded_problem_is_the_most_accurate() -> None:
     values = np.asarray(low(jnp.asarray(H), jnp.eye(9), 9)[0])[:3]
     reference = 1 / sl.eigh(np.eye(9), H, eigvals_only=True)[::-1][:3]
     # the matrix itself holds its lowest eigenvalue to 1e8 * EPS only: both answers share that error
-    assert np.abs(values / reference - 1).max() < 1e-8
+    agrees(values, reference, "modal", "the lowest of stiffnesses 1e8 apart", "SciPy's eigh of the inverse", rtol=1e-8)
 
 
 def test_whitener_and_solve() -> None:
@@ -125,8 +128,10 @@ def test_whitener_and_solve() -> None:
     A = random_positive(n)
     W, b = np.asarray(factor(jnp.asarray(A))), np.random.default_rng(3).normal(size=n)
     expected = sl.solve_triangular(np.linalg.cholesky(A), np.eye(n), lower=True)
-    assert np.allclose(W, expected, rtol=1e-12, atol=1e-14)
-    assert np.allclose(solved(jnp.asarray(A), jnp.asarray(b)), np.linalg.solve(A, b), rtol=1e-12, atol=1e-14)
+    what = "inverse Cholesky factor"
+    agrees(W, expected, "mechanics", what, "SciPy's solve_triangular", rtol=1e-12, atol=1e-14)
+    found, expected = solved(jnp.asarray(A), jnp.asarray(b)), np.linalg.solve(A, b)
+    agrees(found, expected, "mechanics", "solution of a positive system", "NumPy's solve", rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("lowest", [-1.0, -1e-3])
@@ -165,4 +170,5 @@ def test_solves_are_differentiable(mode: str) -> None:
     jacobian = {"fwd": jax.jacfwd, "rev": jax.jacrev}[mode]
     slope = jax.jit(jacobian(lambda s: solve_positive(jnp.asarray(A) + s * jnp.eye(6), jnp.asarray(b))))(0.0)
     inverse = np.linalg.inv(A)
-    assert np.allclose(slope, -inverse @ inverse @ b, rtol=1e-10)
+    expected, what = -inverse @ inverse @ b, "slope of a solution, by jacfwd and jacrev"
+    agrees(slope, expected, "mechanics", what, "-A^-2 b, NumPy's inverse", rtol=1e-10, atol=1e-8)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import first_guess_arm, lcd_arm, random_arm, without_gravity
+from conformance import agrees
 from scipy.linalg import eig, eigh, solve_sylvester, sqrtm
 from scipy.signal import lsim
 
@@ -43,8 +44,10 @@ def ratios(arm: Arm, posture: np.ndarray) -> np.ndarray:
 def test_one_loss_factor_gives_each_mode_half_of_it_at_any_frequency(eta: float) -> None:
     arm = without_gravity(lossy(lcd_arm(), eta, eta))  # gravity gives without loss
     s, hertz, *_ = poles(arm, jnp.zeros(3))
-    np.testing.assert_allclose(-s.real / np.abs(s), np.sin(np.arctan(eta) / 2), rtol=1e-9)
-    np.testing.assert_allclose(np.abs(s) / (2 * np.pi), hertz * (1 + eta**2) ** 0.25, rtol=1e-9)
+    ratio, source = np.sin(np.arctan(eta) / 2), "root of k (1 + i eta), closed form"
+    agrees(-s.real / np.abs(s), ratio, "modal", "damping ratios of one loss factor", source, rtol=1e-9)
+    expected = hertz * (1 + eta**2) ** 0.25
+    agrees(np.abs(s) / (2 * np.pi), expected, "modal", "frequencies with a loss factor", source, rtol=1e-9, unit="Hz")
 
 
 def test_random_arms_are_as_the_complex_stiffness_eigenproblem() -> None:
@@ -55,7 +58,8 @@ def test_random_arms_are_as_the_complex_stiffness_eigenproblem() -> None:
         s, _, system, _ = poles(arm, jnp.asarray(rng.uniform(-2, 2, 2)))
         M, H, L = (np.asarray(x) for x in (system.M, system.H, system.L))
         expected = np.sort_complex(np.sqrt(eig(H + 1j * L, M, right=False)))
-        np.testing.assert_allclose(np.sort_complex(np.asarray(s) / 1j), expected, rtol=1e-8)
+        found, source = np.sort_complex(np.asarray(s) / 1j), "complex-stiffness eigenproblem, LAPACK's QZ"
+        agrees(found, expected, "modal", "poles of arms with loss factors", source, rtol=1e-8, unit="rad/s")
 
 
 def test_small_loss_factors_and_dampers_add_by_their_strain_energy() -> None:
@@ -70,7 +74,8 @@ def test_small_loss_factors_and_dampers_add_by_their_strain_energy() -> None:
     energy = [np.einsum("im,ij,jm->m", V, K, V) for K in stiff]
     omega = np.sqrt(values)
     expected = (bend * energy[0] + tors * energy[1]) / (2 * values) + tau * sum(energy) / (2 * omega)
-    np.testing.assert_allclose(ratios(lossy(arm, bend, tors, tau), posture), expected, rtol=2e-3)
+    found, what = ratios(lossy(arm, bend, tors, tau), posture), "damping ratios of small loss factors and dampers"
+    agrees(found, expected, "modal", what, "shares of the strain energy, eigh of SciPy", rtol=2e-3)
 
 
 def test_an_arm_without_loss_factors_has_neither_paths_nor_a_matrix_of_them() -> None:
@@ -84,7 +89,8 @@ def test_an_arm_without_loss_factors_has_neither_paths_nor_a_matrix_of_them() ->
 def test_damping_by_mass_falls_with_frequency() -> None:
     arm, posture = without_gravity(lossy(lcd_arm(), 0.0, 0.0)).replace({ALPHA: 0.5}), np.deg2rad([40.0, -80.0, 40.0])
     hertz = poles(arm, jnp.asarray(posture))[1]
-    np.testing.assert_allclose(ratios(arm, posture), 0.5 / (4 * np.pi * hertz), rtol=1e-9)
+    expected, what = 0.5 / (4 * np.pi * hertz), "damping ratios of mass-proportional damping"
+    agrees(ratios(arm, posture), expected, "modal", what, "alpha / (2 omega)", rtol=1e-9)
 
 
 def test_ratios_are_differentiable_in_loss_factors() -> None:
@@ -101,7 +107,8 @@ def test_ratios_are_differentiable_in_loss_factors() -> None:
     both = jax.jit(lambda x: (damping(x), jax.jacfwd(damping)(x)))
     slopes = np.asarray(both(jnp.zeros(4))[1])
     for i, step in enumerate(1e-5 * np.eye(4)):
-        np.testing.assert_allclose(slopes[:, i], (both(step)[0] - both(-step)[0]) / 2e-5, atol=1e-7)
+        expected, what = (both(step)[0] - both(-step)[0]) / 2e-5, "slopes of damping ratios by loss factors"
+        agrees(slopes[:, i], expected, "modal", what, "central differences", rtol=1e-7, atol=1e-7)
     assert (np.abs(slopes).max(0) > 1e-4).all()
 
 
@@ -118,10 +125,14 @@ def test_the_damping_matrix_in_time_is_scipys_and_gives_the_ratios_of_the_comple
     """Modes 3 and 4 veer at 46 deg, 1 and 2 cross at 65; with ten times the loss factors ratios differ by 2e-3."""
     s, _, system, _ = poles(lossy(lcd_arm(), 0.001, 0.003), jnp.deg2rad(alpha * jnp.array([1.0, -2.0, 1.0])))
     D = structural_damping(system.M, system.H, system.L)
-    np.testing.assert_allclose(D, direct(*map(np.asarray, (system.M, system.H, system.L))), atol=1e-10 * abs(D).max())
+    expected = direct(*map(np.asarray, (system.M, system.H, system.L)))
+    what, source = "damping matrix of loss factors in time", "SciPy's sqrtm and solve_sylvester"
+    agrees(D, expected, "modal", what, source, rtol=1e-7, atol=float(1e-10 * abs(D).max()))
     assert np.linalg.eigvalsh(D)[0] > 0
     in_time = damped_eigenvalues(system._replace(C=D, L=None))
-    np.testing.assert_allclose(in_time.real / abs(in_time), s.real / abs(s), rtol=1e-4)
+    found, expected = in_time.real / abs(in_time), s.real / abs(s)
+    what, source = "damping ratios of loss factors in time", "complex-stiffness eigenproblem"
+    agrees(found, expected, "modal", what, source, rtol=1e-4)
 
 
 def test_its_slopes_are_finite_where_frequencies_are_equal() -> None:
@@ -129,7 +140,11 @@ def test_its_slopes_are_finite_where_frequencies_are_equal() -> None:
     along = np.array([[1.0, 0.7, 0.1], [0.7, -0.4, 0.2], [0.1, 0.2, 0.5]])
     slope = jax.jacfwd(lambda x: structural_damping(jnp.eye(3), K + x * along, L + x * along))(0.0)
     there, back = (direct(np.eye(3), K + x * along, L + x * along) for x in (1e-5, -1e-5))
-    np.testing.assert_allclose(slope, (there - back) / 2e-5, atol=1e-8)
+    what, source = (
+        "slope of the damping matrix at equal frequencies",
+        "differences of SciPy's sqrtm and solve_sylvester",
+    )
+    agrees(slope, (there - back) / 2e-5, "modal", what, source, rtol=1e-7, atol=1e-8)
 
 
 @pytest.mark.parametrize("rate", [0.1, 1.0])
@@ -147,5 +162,6 @@ def test_a_swept_force_passes_a_resonance_as_modal_superposition_has_it(rate: fl
     w = np.sqrt(values)
     modal = [lsim(([1.0], [1.0, 0.02 * w[i], w[i] ** 2]), pull @ V[:, i], time)[1] for i in range(9)]
     expected = np.array(modal).T @ V.T
-    np.testing.assert_allclose(np.abs(whole).max(0), np.abs(expected).max(0), rtol=1e-9)
+    largest, what = np.abs(whole).max(0), "swept force through a resonance, loss factors"
+    agrees(largest, np.abs(expected).max(0), "vibration", what, "SciPy's lsim of each mode", rtol=1e-9, unit="m")
     assert np.abs(whole[:, 0]).max() > 5 * np.abs(whole[: len(time) // 10, 0]).max()  # the resonance lies within

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
+from conformance import agrees
 from engines import MujocoArm, rates
 
 from ident.arm.arm import Arm
@@ -43,7 +44,8 @@ def test_it_is_two_crosswise_pairs_of_forces_whatever_the_rotation():
     )
     one, other = map(eqx.filter_jit(static_equilibrium), (turned, pulled))
     assert np.abs(one.phi).max() > 0.03
-    np.testing.assert_allclose(one.phi, other.phi, atol=1e-13)
+    what, source = "equilibrium under a moment", "two pairs of forces that make it"
+    agrees(one.phi, other.phi, "statics", what, source, rtol=1e-7, atol=1e-13, unit="rad")
     np.testing.assert_allclose(one.W, other.W, rtol=1e-9, atol=1e-12)
 
 
@@ -64,7 +66,9 @@ def test_it_is_mujocos_torque_of_fixed_direction_up_to_half_the_rotation(seed, s
     expected = rates(engine.frames(), x).T @ qfrc[engine.v_ball]
     phi = unflatten(jnp.asarray(x))
     turned, plain = (gradient(arm, posture, loads_of(arm, load), phi) for load in (Load.parse(TEXT), Load()))
-    np.testing.assert_allclose(plain - turned, expected, atol=SIZE * (1e-9 + _half_the_rotation(phi)))
+    allowed, what = SIZE * (1e-9 + _half_the_rotation(phi)), "generalised forces of a moment"
+    source = "MuJoCo's mj_applyFT, up to half the rotation"
+    agrees(plain - turned, expected, "statics", what, source, rtol=1e-7, atol=allowed, unit="N m")
     assert np.abs(expected).max() > 0.3 * SIZE
 
 

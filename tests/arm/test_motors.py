@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
+from conformance import agrees
 from engines import EIGHTH_ORDER, MujocoArm, local, rates, stiffness
 from scipy.linalg import eigh
 from scipy.optimize import root
@@ -150,18 +151,21 @@ def on_and_off(arm: Arm, posture: jax.Array) -> tuple[Any, jax.Array]:
 def test_random_arms_are_as_in_mujoco(joints: int, belts: bool) -> None:
     """Matrices and frequencies with servos on; with brakes on those of the engine's arm with its motors held."""
     rng = np.random.default_rng(10 * joints + belts)
-    worst = []
     for _ in range(3):
         arm = driven_arm(rng, joints, belts=belts)
         posture = posture_of(arm, rng)
         M, H = reference(arm, np.asarray(posture))
         both, frequency = jax.tree.map(np.asarray, on_and_off(arm, posture))
-        np.testing.assert_allclose(both.M[..., 0], M, atol=1e-10 * np.abs(M).max())
-        np.testing.assert_allclose(both.H[..., 0], (H + H.T) / 2, atol=1e-9 * np.abs(H).max())
+        tie, source = "with belts" if belts else "without belts", "MuJoCo, rotors on hinges of their own"
+        agrees(both.M[..., 0], M, "mechanics", f"mass matrix with motors, {tie}", source, rtol=1e-7, largest=1e-10)
+        K, least = (H + H.T) / 2, float(1e-9 * np.abs(H).max())
+        agrees(both.H[..., 0], K, "mechanics", f"stiffness matrix with servos, {tie}", source, rtol=1e-7, atol=least)
         n = 3 * joints
         for k, size in enumerate((len(M), n)):
             mu = eigh(M[:size, :size], (H + H.T)[:size, :size] / 2, eigvals_only=True)[::-1]
-            worst.append(np.abs(frequency[:size, k] * 2 * np.pi * np.sqrt(mu) - 1).max())
+            expected, state = 1 / (2 * np.pi * np.sqrt(mu)), "brakes" if k else "servos"
+            what = f"natural frequencies, {state} on, {tie}"
+            agrees(frequency[:size, k], expected, "modal", what, source, rtol=1e-8, unit="Hz")
         assert (frequency[n:, 1] > frequency[n - 1, 1]).all()
         seen = [
             float(next(d.ratio for d in arm.drives if d.joint == s.joint)) ** 2 * float(s.k_servo) for s in arm.servos
@@ -169,7 +173,6 @@ def test_random_arms_are_as_in_mujoco(joints: int, belts: bool) -> None:
         dampers = [float(servo.tau) * k for servo, k in zip(arm.servos, seen, strict=True)]
         np.testing.assert_allclose(np.diagonal(both.C[..., 0])[n:], dampers)
         np.testing.assert_allclose(both.C[n:, :, 1], 0)
-    assert max(worst) < 1e-8
 
 
 SERVO = "servo1.k_servo"
@@ -194,7 +197,8 @@ def test_frequencies_are_differentiable_in_all_that_they_depend_on() -> None:
     for i in range(len(paths)):
         step = 1e-4 * np.eye(len(paths))[i]
         expected = (np.asarray(both(step)[0]) - np.asarray(both(-step)[0])) / 2e-4
-        np.testing.assert_allclose(slopes[..., i], expected, rtol=1e-5, atol=1e-6)
+        what = "slopes of frequencies by ratio, rotor, radius, servo"
+        agrees(slopes[..., i], expected, "modal", what, "central differences", rtol=1e-5, atol=1e-6)
     assert np.abs(slopes[:, 0, :4]).max(0).min() > 1e-3  # each of them matters where a servo holds
     np.testing.assert_allclose(slopes[:, 1, [0, 3]], 0, atol=1e-12)  # and not where a brake does
 

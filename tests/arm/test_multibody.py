@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees
 from driven_arms import State, driven_arm, random_loads, random_state
+from engines import title
 from moving_engines import MovingArm, MujocoMoving, PinocchioMoving
 
 from ident.arm.arm import Arm
@@ -30,6 +32,13 @@ from ident.arm.multibody import (
 ARMS_EACH = 26
 JOINTS = [2, pytest.param(3, marks=pytest.mark.slow)]  # with errors of further orders, and with a joint not driven
 ENGINES = (PinocchioMoving, MujocoMoving)
+MOVING = {
+    "inertia": "inverse dynamics of a moving arm",
+    "springs": "springs and dampers of a moving arm",
+    "torques": "drive torques of a moving arm",
+    "mass": "mass matrix of a moving arm",
+    "end point": "end point of a moving arm",
+}
 EIGHTH_ORDER = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 
 
@@ -110,9 +119,9 @@ def judged(engine: type, joints: int) -> list[tuple[dict[str, np.ndarray], dict[
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("quantity", ["inertia", "springs", "torques", "mass", "end point"])
 def test_moving_arm(engine: type, joints: int, quantity: str) -> None:
-    errors = [relative(mine[quantity], other[quantity]) for mine, other in judged(engine, joints)]
     # measured: 4e-15 for M and points, 4e-13 for inertia and torques, whose angles reach 1000 rad
-    assert max(errors) < 1e-11
+    for mine, other in judged(engine, joints):
+        agrees(mine[quantity], other[quantity], "mechanics", MOVING[quantity], title(engine), largest=1e-11)
 
 
 def relative(a: np.ndarray, b: np.ndarray) -> float:
@@ -162,8 +171,10 @@ def test_kinematic_error_against_differences() -> None:
     none = jnp.zeros(of.joints)
     turn = pins(of, Command(*(jnp.asarray(part) for part in start)), Turning(none, none, none)).pin
     np.testing.assert_allclose(turn.angle, pin(0.0), rtol=1e-14)
-    np.testing.assert_allclose(turn.rate, slope(pin, 1e-3), rtol=1e-10)
-    np.testing.assert_allclose(turn.acceleration, slope(lambda t: slope(lambda s: pin(t + s), 2e-3), 2e-3), rtol=1e-8)
+    what, source = "pins under transmission errors", "differences of order 8 of A sin(n N q + chi)"
+    agrees(turn.rate, slope(pin, 1e-3), "mechanics", f"{what}, rate", source, rtol=1e-10, unit="rad/s")
+    second = slope(lambda t: slope(lambda s: pin(t + s), 2e-3), 2e-3)
+    agrees(turn.acceleration, second, "mechanics", f"{what}, acceleration", source, rtol=1e-8, unit="rad/s^2")
 
 
 def test_held_arm_is_the_arm_of_the_statics() -> None:
@@ -179,7 +190,8 @@ def test_held_arm_is_the_arm_of_the_statics() -> None:
         return mine, turn.T @ potential_gradient(chain, unflatten(turn @ y))
 
     mine, gradient = both(balanced, loads, state.command[0], state.y)
-    assert relative(np.asarray(mine), np.asarray(gradient)) < 1e-13
+    what, source = "equations of motion at rest", "gradient of the potential of the statics"
+    agrees(mine, gradient, "mechanics", what, source, largest=1e-13)
 
 
 @pytest.mark.slow
@@ -204,4 +216,6 @@ def test_gradients_by_every_number() -> None:
     assert np.isfinite(np.asarray(gradient)).all()
     direction = values * rng.normal(size=len(values))
     measured = slope(lambda h: float(loss(values + h * direction)[0]), 1e-3)
-    assert abs(gradient @ direction - measured) < 1e-8 * np.abs(np.asarray(gradient * direction)).max()
+    allowed = float(1e-8 * np.abs(np.asarray(gradient * direction)).max())
+    what, source = "slope of the equations by all numbers of an arm", "differences of order 8"
+    agrees(gradient @ direction, measured, "mechanics", what, source, atol=allowed)

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 from arms import DATA
+from conformance import agrees
 from mistakes import KINDS, sound
 from mistakes import found as found_mistakes
 
@@ -214,9 +215,19 @@ def test_what_a_bushing_carries_is_that_of_points():
     assert root.inertia == pytest.approx(2.0 * 9.0 * 1.001)
     every = carried(read_arm(DATA / "lcd_arm" / "arm.toml").arm)
     # by hand: masses of arm.toml; first moment over mass of all that joint 3 carries
-    assert [each.mass for each in every] == pytest.approx([138.7708, 84.7708, 38.3758])
+    masses = [each.mass for each in every]
+    agrees(
+        masses,
+        [138.7708, 84.7708, 38.3758],
+        "mechanics",
+        "mass that each joint carries",
+        "by hand",
+        rtol=1e-6,
+        unit="kg",
+    )
     moment = np.array([8 * 0.0 + 19.1122 * 0.145 + 11.2636 * 1.54, 8 * 0.03 + 19.1122 * 0.04 + 11.2636 * 0.05])
-    assert every[2].distance == pytest.approx(np.linalg.norm(moment) / 38.3758)
+    expected, what = np.linalg.norm(moment) / 38.3758, "distance of the mass that joint 3 carries"
+    agrees(every[2].distance, expected, "mechanics", what, "first moment over mass, by hand", rtol=1e-6, unit="m")
     assert reach_of(arm) == 3.0
 
 

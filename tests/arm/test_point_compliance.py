@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
+from conformance import agrees
 from engines import PinocchioArm, rates, stiffness
 from scipy.optimize import root
 
@@ -49,7 +50,8 @@ def test_a_lever_on_a_spring_gives_its_length_squared_over_the_stiffness():
     expected = np.diag([0, LEVER**2 / TORS, LEVER**2 / BEND, 1 / BEND, 1 / BEND, 1 / TORS])
     expected[1, 5] = expected[5, 1] = LEVER / TORS
     expected[2, 4] = expected[4, 2] = -LEVER / BEND
-    np.testing.assert_allclose(C, expected, atol=1e-12 / BEND)
+    what = "compliance of a lever on a spring, all of 6 x 6"
+    agrees(C, expected, "statics", what, "l^2 / k, l / k, 1 / k", rtol=1e-7, atol=1e-12 / BEND, unit="m/N")
 
 
 def test_its_weight_makes_an_inverted_pendulum_softer_and_a_hanging_one_stiffer():
@@ -57,14 +59,16 @@ def test_its_weight_makes_an_inverted_pendulum_softer_and_a_hanging_one_stiffer(
     for sign in (1, -1):
         C = compliance(lever("z", gravity=sign * G), np.zeros(1))[0][:, :, 0]
         softer = LEVER**2 / (BEND - sign * MASS * G * LEVER)
-        np.testing.assert_allclose([C[0, 0], C[1, 1]], softer, rtol=1e-12)
+        what, source = "compliance under its weight, standing and hanging", "l^2 / (k -/+ m g l)"
+        agrees([C[0, 0], C[1, 1]], softer, "statics", what, source, rtol=1e-12, unit="m/N")
         assert abs(softer / (LEVER**2 / BEND) - 1) > 0.04
 
 
 def test_its_slope_by_the_stiffness_is_exact():
     arm = lever("z")
     slope = jax.jacfwd(lambda k: compliance(arm.replace({"j1.k_bend": k}), np.zeros(1))[0][0, 0, 0])(BEND)
-    assert slope == pytest.approx(-(LEVER**2) / (BEND - MASS * G * LEVER) ** 2, rel=1e-10)
+    expected, what = -(LEVER**2) / (BEND - MASS * G * LEVER) ** 2, "slope of the compliance by the stiffness"
+    agrees(slope, expected, "statics", what, "-l^2 / (k - m g l)^2", rtol=1e-10)
 
 
 def test_a_servo_is_in_series_with_its_joint_and_a_brake_is_rigid():
@@ -72,7 +76,8 @@ def test_a_servo_is_in_series_with_its_joint_and_a_brake_is_rigid():
     own, series = 1 / TORS, 1 / TORS + 1 / (4.0 * 50.0**2)
     for servo, expected in ((None, own), (np.array(0.0), own), (np.array(1.0), series)):
         C = compliance(arm, np.array([0.4]), None, servo)[0][:, :, 0]
-        assert C[5, 5] == pytest.approx(expected, rel=1e-10)
+        what, source = "compliance with a servo, and with a brake", "springs in series, 1 / k + 1 / (k_s N^2)"
+        agrees(C[5, 5], expected, "statics", what, source, rtol=1e-10, unit="rad/(N m)")
         assert C[3, 3] == pytest.approx(1 / BEND, rel=1e-10)
 
 
@@ -82,7 +87,8 @@ def test_a_rigid_direction_is_the_limit_of_a_stiff_one():
     rigid = replace(arm, joints=(arm.joints[0], replace(joint, k_tors=None), arm.joints[2]))
     stiff = arm.replace({"joint2.k_tors": 1e13})
     one, other = (np.asarray(compliance(each, posture)[0]) for each in (rigid, stiff))
-    np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(other).max())
+    what, source = "compliance with a rigid direction", "limit of a stiff spring"
+    agrees(one, other, "statics", what, source, rtol=1e-7, largest=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -101,12 +107,15 @@ def test_it_is_pinocchios(seed):
     J = jacobian(engine, x)
     expected = J @ np.linalg.solve(engine.gravity_hessian(x) + K, J.T)
     C, _, place, turn = compliance(arm, posture)
-    np.testing.assert_allclose(C[:, :, -1], expected, atol=1e-8 * np.abs(expected).max())
-    np.testing.assert_allclose(place[:, -1], engine.point(x), atol=1e-9)
+    source = "Pinocchio's Jacobian and derivatives of gravity"
+    agrees(C[:, :, -1], expected, "statics", "compliance of the end point", source, rtol=1e-7, largest=1e-8)
+    what = "place of the loaded end point"
+    agrees(place[:, -1], engine.point(x), "statics", what, "Pinocchio", rtol=1e-7, atol=1e-9, unit="m")
     tool = tool_compliance(modal_analysis(arm, tuple(posture)), frame="tool")
     np.testing.assert_allclose(tool.axes, engine.end_axes(x), atol=1e-9)
     T = np.kron(np.eye(2), engine.end_axes(x))
-    np.testing.assert_allclose(tool.matrix, T.T @ expected @ T, atol=1e-8 * np.abs(expected).max())
+    in_tool, least = T.T @ expected @ T, float(1e-8 * np.abs(expected).max())
+    agrees(tool.matrix, in_tool, "statics", "compliance in the tool's frame", source, rtol=1e-7, atol=least)
     assert np.abs(turn[:, :, -1] - np.eye(3)).max() > 1e-5
 
 
@@ -150,7 +159,8 @@ def test_a_tenth_of_a_newton_on_the_nonlinear_statics_moves_it_so(load):
         moved = np.concatenate([places[:, of_tip, n] - place[:, of_tip], spin / 2])
         for part in (slice(0, 3), slice(3, 6)):
             size = np.linalg.norm(expected[part, n])
-            np.testing.assert_allclose(moved[part], expected[part, n], atol=1e-5 * size)
+            what, source = "moves under small forces and moments", "nonlinear statics, 0.1 N"
+            agrees(moved[part], expected[part, n], "statics", what, source, rtol=1e-7, atol=float(1e-5 * size))
 
 
 def test_it_is_symmetric_and_positive():
@@ -185,7 +195,8 @@ def test_a_draw_is_computed_as_if_alone_and_collapsed_ones_are_left_out():
     k[7] = 0.9 * MASS * G * LEVER
     tool = tool_compliance(analysis, draws={"j1.k_bend": k})
     expected = LEVER**2 / (np.delete(k, 7) - MASS * G * LEVER)
-    np.testing.assert_allclose(tool.draws[0, 0], expected, rtol=1e-10)
+    what = "compliance of each draw of a posterior"
+    agrees(tool.draws[0, 0], expected, "statics", what, "l^2 / (k - m g l)", rtol=1e-10, unit="m/N")
     low, high = tool.band[:, 0, 0]
     assert np.mean((low <= expected) & (expected <= high)) == 0.9
     np.testing.assert_allclose([low, high], np.quantile(expected, (0.05, 0.95)), rtol=1e-10)

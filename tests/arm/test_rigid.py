@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
+from conformance import agrees
 from engines import MujocoArm
 from scipy.linalg import block_diag, eigh
 from scipy.optimize import root
@@ -82,8 +83,10 @@ def test_frequencies_and_deflection_are_those_of_mujoco_without_the_rigid_coordi
     modes, s, moved = shown(arm, jnp.asarray(posture))
     frequency, tip = by_mujoco(arm, posture)
     assert len(modes.frequency) == arm.degrees_of_freedom == len(frequency)
-    np.testing.assert_allclose(modes.frequency, frequency, rtol=1e-7)
-    np.testing.assert_allclose(moved, tip, rtol=1e-5, atol=1e-9)
+    source = "MuJoCo without the rigid coordinates"
+    what = "natural frequencies with rigid directions"
+    agrees(modes.frequency, frequency, "modal", what, source, rtol=1e-7, unit="Hz")
+    agrees(moved, tip, "statics", "deflection with rigid directions", source, rtol=1e-5, atol=1e-9, unit="m")
     assert (np.abs(s[len(frequency) :]) > np.abs(s[: len(frequency)]).max()).all()
 
 
@@ -109,7 +112,8 @@ def limit():
 
 def test_it_is_the_limit_of_stiff_springs_and_so_are_its_slopes():
     for exact, near in zip(*limit(), strict=True):
-        np.testing.assert_allclose(near, exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
+        what, source = "rigid directions, values and slopes", "limit of stiff springs"
+        agrees(exact, near, "modal", what, source, rtol=9.99e-6, atol=float(1e-6 * np.abs(exact).max()))
 
 
 @pytest.mark.parametrize("given", CASES)
@@ -122,7 +126,9 @@ def test_motion_has_the_equations_of_the_elastic_coordinates(given):
     command = Command(*(jnp.asarray(x) for x in (posture, rng.normal(size=2), rng.normal(size=2))))
     y, yd, ydd = (jnp.asarray(free @ x) for x in 0.1 * rng.normal(size=(3, 6)))
     both = [np.asarray(jit(residual)(each, command, y, yd, ydd)) for each in (held, multibody(arm))]
-    np.testing.assert_allclose(both[0], free @ both[1], atol=1e-9 * np.abs(both[1]).max())
+    expected, least = free @ both[1], float(1e-9 * np.abs(both[1]).max())
+    what, source = "equations of motion with rigid directions", "projection of the elastic ones"
+    agrees(both[0], expected, "mechanics", what, source, rtol=1e-7, atol=least)
 
 
 def test_a_spring_that_bends_where_nothing_gives_is_refused():

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conformance import agrees
 from scipy.spatial.transform import Rotation
 
 from ident.arm.rotations import (
@@ -35,14 +36,16 @@ def rotation_vectors() -> np.ndarray:
 def test_rotation_agrees_with_scipy() -> None:
     phi = rotation_vectors()
     expected = np.moveaxis(Rotation.from_rotvec(phi.T).as_matrix(), 0, -1)
-    assert np.abs(rotation(jnp.asarray(phi)) - expected).max() < 20 * EPS
+    found = rotation(jnp.asarray(phi))
+    agrees(found, expected, "mechanics", "rotation matrix of a rotation vector", "SciPy's Rotation", atol=20 * EPS)
 
 
 @pytest.mark.parametrize("angle", [-7.0, -1.0, 0.0, 3.1, 12.0])
 def test_turn_about_a_unit_axis_of_any_angle(angle: float) -> None:
     axis = np.array([2.0, -3.0, 6.0]) / 7
     expected = Rotation.from_rotvec(angle * axis).as_matrix()
-    assert np.abs(turn_about(jnp.asarray(axis), jnp.asarray(angle)) - expected).max() < 20 * EPS
+    found = turn_about(jnp.asarray(axis), jnp.asarray(angle))
+    agrees(found, expected, "mechanics", "rotation about a unit axis", "SciPy's Rotation", atol=20 * EPS)
 
 
 def test_left_jacobian_gives_the_angular_velocity() -> None:
@@ -53,7 +56,8 @@ def test_left_jacobian_gives_the_angular_velocity() -> None:
         ahead, behind = (Rotation.from_rotvec(phi + s * h * rate).as_matrix() for s in (1, -1))
         spun = (ahead - behind) / (2 * h) @ Rotation.from_rotvec(phi).as_matrix().T
         omega = jnp.asarray(np.asarray(jacobian(phi)) @ rate)
-        assert np.abs(skew(omega) - spun).max() < 1e-9
+        what, source = "angular velocity by the left Jacobian", "differences of SciPy's Rotation"
+        agrees(skew(omega), spun, "mechanics", what, source, atol=1e-9, unit="rad/s")
 
 
 def test_right_jacobian_is_the_transpose() -> None:
@@ -67,7 +71,8 @@ def test_curvature_is_the_symmetric_slope_of_the_jacobian() -> None:
     both = jax.jit(lambda p, m: (curvature(p, m), jax.jacfwd(lambda q: left_jacobian(q).T @ m)(p)))
     for phi in rotation_vectors().T:
         found, slope = map(np.asarray, both(phi, rng.normal(size=3)))
-        assert np.abs(found - (slope + slope.T) / 2).max() < 20 * EPS
+        expected, what = (slope + slope.T) / 2, "curvature of a rotation"
+        agrees(found, expected, "mechanics", what, "derivative of the Jacobian", atol=20 * EPS)
 
 
 def test_derivatives_at_zero_are_those_of_the_series() -> None:
@@ -82,7 +87,8 @@ def test_derivatives_at_zero_are_those_of_the_series() -> None:
             (jax.jacrev(function), first * generators),
             (jax.hessian(function), second * squares),
         ):
-            assert np.abs(np.asarray(jax.jit(derivative)(zero)) - expected).max() < EPS
+            found, what = jax.jit(derivative)(zero), "derivatives of rotations at zero"
+            agrees(found, expected, "mechanics", what, "power series of exp", atol=EPS)
 
 
 @pytest.mark.parametrize("function", [rotation, left_jacobian])
@@ -94,7 +100,8 @@ def test_second_derivatives_are_smooth(function: object, angle: float) -> None:
     second, h = jax.jit(jax.jacfwd(jax.jacrev(function)))(phi), 1e-5
     for a, e in enumerate(np.eye(3)):
         ahead, behind = (first(phi + s * h * e) for s in (1, -1))
-        assert jnp.abs(second[..., a] - (ahead - behind) / (2 * h)).max() < 1e-9
+        expected, what = (ahead - behind) / (2 * h), "second derivatives of rotations"
+        agrees(second[..., a], expected, "mechanics", what, "central differences of the first", atol=1e-9)
 
 
 def test_dyad_rules() -> None:
@@ -118,5 +125,6 @@ def test_a_rotation_vector_is_found_again_and_so_is_its_slope(angle):
     )(phi)
     scipys = Rotation.from_matrix(np.asarray(rotation(phi))).as_rotvec()
     np.testing.assert_allclose(found, phi, rtol=1e-13, atol=1e-15)
-    np.testing.assert_allclose(found, scipys, rtol=1e-13, atol=1e-15)
+    what = "rotation vector of a rotation matrix"
+    agrees(found, scipys, "mechanics", what, "SciPy's Rotation", rtol=1e-13, atol=1e-15, unit="rad")
     np.testing.assert_allclose(slope, np.eye(3), atol=1e-12)

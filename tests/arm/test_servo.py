@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import first_guess_arm, lcd_arm
+from conformance import agrees
 from jaxtyping import Array
 from scipy.linalg import eigh
 
@@ -84,7 +85,8 @@ def test_one_joint_is_a_chain_of_two_masses(servo: float) -> None:
     arm = Arm("one", (joint,), drives=(Drive("d", "j", ratio=ratio, rotor_inertia=rotor),))
     system, seen = matrices(arm, np.ones(1), np.zeros(1)), servo * 120**2
     expected = two_masses(LINK, ROTOR * 120**2, TORSION, seen)
-    np.testing.assert_allclose(with_servo(system, seen)[:2], expected, rtol=2e-4)
+    found, what = with_servo(system, seen)[:2], "a joint, its rotor and a servo"
+    agrees(found, expected, "modal", what, "chain of two masses, closed form", rtol=2e-4, unit="Hz")
     # far below the rotor's own mode servo and joint are two springs in series, and without servo the motor drifts
     if servo == 500.0:
         series = 1 / (1 / TORSION + 1 / seen)
@@ -124,7 +126,8 @@ def test_three_joints_are_as_a_plane_arm_computed_body_by_body(alpha: float, ser
     direction = np.asarray(arm.stroke.direction)
     system = matrices(arm, direction, alpha * direction)
     expected = with_servo(planar(arm, direction, alpha), servo)
-    np.testing.assert_allclose(with_servo(system, servo)[1:4], expected[1:], rtol=1e-5)
+    found, what = with_servo(system, servo)[1:4], "three joints that one motor turns"
+    agrees(found, expected[1:], "modal", what, "plane arm, body by body", rtol=1e-5, unit="Hz")
     np.testing.assert_allclose(with_servo(system, servo)[0], expected[0], rtol=1e-5, atol=2e-3)
     assert (expected[0] < 1e-3) == (servo == 0)
 

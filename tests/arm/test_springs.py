@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import random_arm
+from conformance import agrees
 from engines import MujocoArm, stiffness
 from potential import of_springs, potential_energy
 from scipy.interpolate import PPoly
@@ -133,11 +134,14 @@ def test_equilibrium_and_frequencies_are_those_of_mujocos_gravity_on_curves_writ
 
     x = np.asarray(flat(phi))
     solved = root(gradient, x + 1e-4 * np.sin(np.arange(9.0)), tol=1e-15).x
-    np.testing.assert_allclose(x, solved, rtol=1e-8, atol=1e-12)
+    source = "MuJoCo's gravity, SciPy's PPoly and MINPACK"
+    agrees(x, solved, "statics", "equilibrium on curved springs", source, rtol=1e-8, atol=1e-12, unit="rad")
     expected = engine.gravity_hessian(x) + differences(springs, x, 1e-6)
-    np.testing.assert_allclose(H, expected, rtol=1e-7, atol=1e-7 * np.abs(expected).max())
+    what = "tangent stiffness on curved springs"
+    agrees(H, expected, "statics", what, "MuJoCo's gravity, SciPy's PPoly", rtol=1e-7, largest=1e-7)
     values = eigh((expected + expected.T) / 2, engine.mass_matrix(x), eigvals_only=True)
-    np.testing.assert_allclose(hertz, np.sqrt(values) / (2 * np.pi), rtol=1e-8)
+    frequencies, what = np.sqrt(values) / (2 * np.pi), "natural frequencies on curved springs"
+    agrees(hertz, frequencies, "modal", what, "MuJoCo, SciPy's PPoly, LAPACK", rtol=1e-8, unit="Hz")
 
 
 def test_those_arms_bend_into_all_pieces_of_their_curves():
@@ -170,9 +174,11 @@ def test_gradient_hessian_and_second_variation_are_the_energys_derivatives():
     for _ in range(3):
         phi, v = jnp.asarray(rng.normal(size=(2, 3, 3)) * 4e-3)
         gradient, H, slope, along = variations(chain, phi, v)
-        np.testing.assert_allclose(gradient, slope, rtol=1e-9, atol=1e-12)
+        what = "moments of curved springs"
+        agrees(gradient, slope, "statics", what, "automatic slope of the energy", rtol=1e-9, atol=1e-12, unit="N m")
         hessian = differences(lambda x, v=v: np.asarray(variations(chain, unflatten(x), v)[2]), flat(phi), 1e-6)
-        np.testing.assert_allclose(H, hessian, rtol=1e-6, atol=1e-8 * float(jnp.abs(H).max()))
+        what, least = "Hessian of curved springs", 1e-8 * float(jnp.abs(H).max())
+        agrees(H, hessian, "statics", what, "differences of the slope", rtol=1e-6, atol=least)
         np.testing.assert_allclose(along, flat(v) @ H @ flat(v), rtol=1e-10)
 
 
@@ -188,7 +194,8 @@ def test_derivatives_of_frequencies_and_deflections_are_differences():
     both = jax.jit(lambda logs: (quantities(logs), jax.jacfwd(quantities)(logs)))
     slopes = np.asarray(both(start)[1])
     expected = differences(lambda logs: both(logs)[0], start, 1e-4)
-    np.testing.assert_allclose(slopes, expected, rtol=1e-6, atol=1e-7)
+    what = "slopes of frequencies and sag by spring curves"
+    agrees(slopes, expected, "statics", what, "differences of order 4", rtol=1e-6, atol=1e-7)
     assert (np.abs(slopes).max(0) > 1e-3).all()
 
 
@@ -213,7 +220,8 @@ def test_unloaded_and_below_t1_the_springs_are_straight():
     for gravity in (1.0, 0.0):
         one, other = (replace(a, gravity=gravity * arm.gravity) for a in (stiff, straight))
         for x, y in zip(computed(one, POSTURE), computed(other, POSTURE), strict=True):
-            np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-15)
+            what, source = "curved springs below T1", "the arm on straight ones"
+            agrees(x, y, "statics", what, source, rtol=1e-12, atol=1e-15)
 
 
 def test_bending_gives_alike_in_all_directions():
@@ -276,9 +284,11 @@ def test_a_pendulum_sees_the_chord_at_rest_and_the_tangent_in_its_frequency():
     # the third piece of the catalogue's broken line
     angle = brentq(lambda x: t2 + r3 * k1 * (x - x2) - weight * np.cos(x), x2, 0.1, xtol=1e-16)
     phi, hertz = (np.asarray(x) for x in computed_pendulum(arm))
-    np.testing.assert_allclose(phi.ravel(), [0, angle, 0], atol=1e-9)
+    what, source = "pendulum on a broken line", "catalogue's third piece, SciPy's brentq"
+    agrees(phi.ravel(), [0, angle, 0], "statics", what, source, rtol=1e-7, atol=1e-9, unit="rad")
     omega2 = (r3 * k1 + weight * np.sin(angle)) / (1.6 + 20.0 * 0.25)
-    np.testing.assert_allclose(hertz[0], np.sqrt(omega2) / (2 * np.pi), rtol=1e-8)
+    expected, what = np.sqrt(omega2) / (2 * np.pi), "frequency of a pendulum on a broken line"
+    agrees(hertz[0], expected, "modal", what, "(k3 + m g l sin) / I", rtol=1e-8, unit="Hz")
     chord = weight * np.cos(angle) / angle
     assert k1 * 1.3 < chord < 0.7 * r3 * k1
 

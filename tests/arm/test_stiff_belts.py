@@ -5,6 +5,7 @@ import jax
 import numpy as np
 import pytest
 from arms import first_guess_arm, lcd_arm
+from conformance import agrees
 from jaxtyping import Array
 from scipy.linalg import eigh
 
@@ -61,7 +62,9 @@ def test_one_joint(ratio: float) -> None:
     """Shaft turns by phi, link by phi (1 - 1/N), rotor (a part of the shaft) not at all; rigid: all of them by phi."""
     stiff = frequencies(*matrices(one_joint(ratio, 1e13), elastic=True))[0]
     hertz = np.sqrt(TORSION) / (2 * np.pi)
-    np.testing.assert_allclose(stiff, hertz / np.sqrt(SHAFT - ROTOR + LINK * (1 - 1 / ratio) ** 2), rtol=1e-6)
+    expected = hertz / np.sqrt(SHAFT - ROTOR + LINK * (1 - 1 / ratio) ** 2)
+    what, source = "one joint on a stiff belt", "the link turns by 1 - 1/N"
+    agrees(stiff, expected, "modal", what, source, rtol=1e-6, unit="Hz")
     assert abs(stiff / (hertz / np.sqrt(SHAFT + LINK)) - 1) > 0.5 / abs(ratio)
 
 
@@ -73,7 +76,8 @@ def test_torsion_that_a_hammer_test_has_measured(ratio: float) -> None:
     load = np.r_[np.zeros(5), 1, 1]  # a unit torque on link two about its axis: by virtual work on phi and xi
     compliance = load @ np.linalg.solve(K, load)
     expected = (1 - 1 / ratio) ** 2 / TORSION + 1 / (2 * span * (ratio * RADIUS) ** 2)
-    np.testing.assert_allclose(compliance, expected, rtol=1e-6)
+    what, source = "torsional compliance with a belt", "(1 - 1/N)^2 / k + 1 / (2 k_b (N r)^2)"
+    agrees(compliance, expected, "statics", what, source, rtol=1e-6, unit="rad/(N m)")
 
 
 @pytest.mark.parametrize(
@@ -100,7 +104,8 @@ def test_two_belts_in_a_row(arm, shifts) -> None:
     tied[10] = radii * (ratio2 - 1) / ratio3 * tied[9]
     tied[10, 8] = -1 / ratio3
     limit = frequencies(tied.T @ loose[0] @ tied, rigid[1])[:6]
-    np.testing.assert_allclose(frequencies(*matrices(stiff, elastic=True))[:6], limit, rtol=1e-5)
+    found, what = frequencies(*matrices(stiff, elastic=True))[:6], "two stiff belts in a row"
+    agrees(found, limit, "modal", what, "r2 N xi = r1 (N1 - 1) xi1 - r2 phi", rtol=1e-5, unit="Hz")
     np.testing.assert_allclose(limit / frequencies(*rigid)[:6] - 1, shifts, atol=1e-5)
 
 
@@ -109,4 +114,6 @@ def test_belts_above_the_bushings_hold_shafts_from_tilting() -> None:
     arm = lcd_arm()
     height = {f"belt{b}.height": 0.0 for b in (1, 2)}
     with_height, without = (matrices(a, elastic=True)[1] for a in (arm, arm.replace(height)))
-    np.testing.assert_allclose((with_height - without)[4, 4], 2 * 4e5 * 0.06**2, rtol=0.02)
+    found, expected = (with_height - without)[4, 4], 2 * 4e5 * 0.06**2
+    what = "stiffness of a belt above the bushing"
+    agrees(found, expected, "mechanics", what, "2 k h^2", rtol=0.02, unit="N m/rad")

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from conformance import agrees
 from scipy.linalg import block_diag
 from three_joints import JOINTS, MJCF, WITHOUT_MESHES
 
@@ -60,9 +61,10 @@ def test_end_points_and_inertia_are_mujocos_at_any_posture(load):
     postures = np.random.default_rng(0).uniform(-2, 2, (20, 3))
     points, mass = straight(load(), postures.T)
     for n, (end, axes, M) in enumerate(held_by_mujoco(mujoco.MjModel.from_xml_string(WITHOUT_MESHES), postures)):
-        np.testing.assert_allclose(points[:, 0, n], end, atol=1e-12)
+        agrees(points[:, 0, n], end, "formats", "end point of an MJCF", "MuJoCo", rtol=1e-7, atol=1e-12, unit="m")
         turned = block_diag(*axes)  # a bushing that turns about its pin moves all that the pin moves
-        np.testing.assert_allclose(turned @ mass[..., n] @ turned.T, M, atol=1e-12)
+        found = turned @ mass[..., n] @ turned.T
+        agrees(found, M, "formats", "mass matrix of an MJCF", "MuJoCo", rtol=1e-7, atol=1e-12)
 
 
 def test_limits_gravity_and_bodies_are_those_of_the_file(load):
@@ -72,7 +74,8 @@ def test_limits_gravity_and_bodies_are_those_of_the_file(load):
     assert arm.joints[1].limits == (-np.inf, np.inf)
     assert arm.gravity[2] == -9.80665
     capsule = 1000 * np.pi * 0.03**2 * (0.2 + 4 / 3 * 0.03)
-    assert float(arm.joints[1].link[1].mass) == pytest.approx(capsule, rel=1e-12)
+    found, what = arm.joints[1].link[1].mass, "mass of a shape in an MJCF"
+    agrees(found, capsule, "formats", what, "volume of a capsule", rtol=1e-12, unit="kg")
 
 
 def test_the_tip_is_the_only_site_or_the_named_frame(load):
@@ -147,10 +150,12 @@ def test_what_is_not_on_the_way_to_the_tip_is_held_with_its_mass(load, tip):
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, M)
         end = data.body(tip).xpos if tip in ("flange", "b") else data.site("tool").xpos
-        np.testing.assert_allclose(points[:, -1, n], end, atol=1e-12)
+        what = "end point of an MJCF with fingers"
+        agrees(points[:, -1, n], end, "formats", what, "MuJoCo", rtol=1e-7, atol=1e-12, unit="m")
         turned = block_diag(*data.xaxis[[model.joint(f"j{i + 1}").id for i in range(count)]])
         expected = (M - np.diag(model.dof_armature))[np.ix_(own, own)]
-        np.testing.assert_allclose(turned @ mass[..., n] @ turned.T, expected, atol=1e-12)
+        found, what = turned @ mass[..., n] @ turned.T, "mass matrix of an MJCF with fingers"
+        agrees(found, expected, "formats", what, "MuJoCo", rtol=1e-7, atol=1e-12)
 
 
 def test_what_is_held_is_said_with_its_mass(robot):
@@ -199,7 +204,8 @@ def test_a_locked_joint_is_held_where_it_is_and_what_is_not_active_does_not_coun
     mujoco.mj_kinematics(data.model, data)
     link = {body.name: np.asarray(body.com) for body in read.arm.joints[2].link}
     for name in ("cover", "wing"):
-        np.testing.assert_allclose(link[name], data.body(name).xipos - data.joint("j3").xanchor, atol=1e-12)
+        expected, what = data.body(name).xipos - data.joint("j3").xanchor, "mass centre on a locked joint of an MJCF"
+        agrees(link[name], expected, "formats", what, "MuJoCo", rtol=1e-7, atol=1e-12, unit="m")
 
 
 def test_a_heavy_link_that_follows_the_arm_is_no_note(robot):

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from conformance import agrees
 from equinox import filter_jit
 from scipy.linalg import eigh
 from three_joints import JOINTS, WITHOUT_MESHES
@@ -93,7 +94,8 @@ def test_without_weight_mujocos_frequencies_are_idents(robot):
     model, floating = written(robot, arm), eqx.tree_at(lambda arm: arm.gravity, arm, jnp.zeros(3))
     model.opt.gravity[:] = 0
     for posture in POSTURES:
-        np.testing.assert_allclose(in_mujoco(model, posture)[0], in_ident(floating, posture), rtol=1e-9)
+        expected, what = in_mujoco(model, posture)[0], "frequencies of bushings written as MJCF"
+        agrees(in_ident(floating, posture), expected, "formats", what, "MuJoCo's hinges", rtol=9.9e-10, unit="Hz")
 
 
 def test_a_rigid_direction_has_no_hinge(robot):
@@ -158,7 +160,9 @@ def test_at_one_posture_it_is_exact_under_weight(robot, based):
     model = written(robot, arm, posture=tuple(posture))
     hertz, angle, tool = about_equilibrium(model, posture)
     assert angle > 3e-4
-    np.testing.assert_allclose(hertz, in_ident(arm, posture), rtol=1e-8)
+    base, source = "on a soft base" if based else "on a rigid base", "MuJoCo's tangent springs"
+    what = f"frequencies under weight, written as MJCF, {base}"
+    agrees(in_ident(arm, posture), hertz, "formats", what, source, rtol=9.9e-9, unit="Hz")
     (tip,) = (n for n, point in enumerate(arm.points) if point.name == "tip")
     np.testing.assert_allclose(tool, np.asarray(about(arm, np.asarray(posture))[1])[:, tip], atol=1e-11)
     apart = in_mujoco(written(robot, arm), posture)[0] / in_ident(arm, posture) - 1
@@ -172,7 +176,8 @@ def test_under_weight_they_differ_by_less_than_the_angle_by_which_a_bushing_give
     for posture in POSTURES:
         frequency, angle = in_mujoco(model, posture)
         assert 1e-4 / factor < angle < 1e-3 / factor
-        np.testing.assert_allclose(frequency, in_ident(arm, posture), rtol=0.3 * angle)
+        expected, what = in_ident(arm, posture), "frequencies of plain springs in MJCF under weight"
+        agrees(frequency, expected, "formats", what, "ident, within 0.3 of the bushing's angle", rtol=0.3 * angle)
 
 
 def test_hinges_have_stiffness_and_damping_and_nothing_of_the_defaults(robot):

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pinocchio as pin
 import pytest
+from conformance import agrees
 from scipy.linalg import block_diag
 from three_joints import JOINTS, URDF, WITH_HAND
 
@@ -48,13 +49,15 @@ def in_base(arm):
 
 def test_joints_stand_where_forward_kinematics_puts_them(load, poses):
     expected = [poses[0][link][:3, 3] for link in "abc"]
-    np.testing.assert_allclose(in_base(load()), expected, atol=1e-12)
+    what, source = "origins of joints in a URDF", "yourdfpy's forward kinematics"
+    agrees(in_base(load()), expected, "formats", what, source, rtol=1e-7, atol=1e-12, unit="m")
 
 
 def test_axes_point_where_forward_kinematics_turns_them(load, poses):
     axes = {"a": [0, 0, 1], "b": [0, 1, 0], "c": [1, 0, 0]}
     expected = [poses[0][link][:3, :3] @ axis for link, axis in axes.items()]
-    np.testing.assert_allclose([joint.axis for joint in load().joints], expected, atol=1e-12)
+    found, source = [joint.axis for joint in load().joints], "yourdfpy's forward kinematics"
+    agrees(found, expected, "formats", "axes of joints in a URDF", source, rtol=1e-7, atol=1e-12)
 
 
 def test_bodies_have_their_mass_centres_and_inertias_in_the_base_frame(load, poses):
@@ -65,8 +68,11 @@ def test_bodies_have_their_mass_centres_and_inertias_in_the_base_frame(load, pos
             inertial = inertials[body.name]
             pose = frames[body.name] @ (np.eye(4) if inertial.origin is None else inertial.origin)
             inertia = pose[:3, :3] @ inertial.inertia @ pose[:3, :3].T
-            np.testing.assert_allclose(body.com + origin, pose[:3, 3], atol=1e-12)
-            np.testing.assert_allclose(body.inertia, inertia, atol=1e-12)
+            source = "yourdfpy's forward kinematics"
+            what, unit = "mass centres in a URDF", "m"
+            agrees(body.com + origin, pose[:3, 3], "formats", what, source, rtol=1e-7, atol=1e-12, unit=unit)
+            what, unit = "inertias in a URDF", "kg m^2"
+            agrees(body.inertia, inertia, "formats", what, source, rtol=1e-7, atol=1e-12, unit=unit)
 
 
 def first_frame_by_hand():
@@ -84,7 +90,8 @@ def first_frame_by_hand():
 
 def test_second_joint_stands_where_rpy_by_hand_puts_it(load):
     pose = first_frame_by_hand()
-    np.testing.assert_allclose(in_base(load())[1], (pose @ [0.6, 0, 0.1, 1])[:3], atol=1e-12)
+    expected, what = (pose @ [0.6, 0, 0.1, 1])[:3], "roll, pitch and yaw in a URDF"
+    agrees(in_base(load())[1], expected, "formats", what, "by hand", rtol=1e-7, atol=1e-12, unit="m")
 
 
 def test_fixed_links_move_with_the_link_before_and_the_base_is_left_out(load):
@@ -206,9 +213,11 @@ def test_what_is_not_on_the_way_to_the_tip_is_held_with_its_mass(load, text, tip
     chain = at_posture(arm, jnp.asarray(postures.T))
     points, mass = straight_positions(chain), mass_matrix(chain, jnp.zeros((3, 3, 20)))
     for n, (place, axes, M) in enumerate(by_pinocchio(text, ["j1", "j2", "j3"], end, postures)):
-        np.testing.assert_allclose(points[:, -1, n], place, atol=1e-12)
-        turned = block_diag(*axes)
-        np.testing.assert_allclose(turned @ mass[..., n] @ turned.T, M, atol=1e-12)
+        turned, source = block_diag(*axes), "Pinocchio's reader"
+        what = "end point of a URDF with hand and fingers"
+        agrees(points[:, -1, n], place, "formats", what, source, rtol=1e-7, atol=1e-12, unit="m")
+        found, what = turned @ mass[..., n] @ turned.T, "mass matrix of a URDF with hand and fingers"
+        agrees(found, M, "formats", what, source, rtol=1e-7, atol=1e-12)
 
 
 def test_what_is_held_is_said_with_its_mass(tmp_path):

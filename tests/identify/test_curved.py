@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from conformance import agrees
 from one_program import shown
 
 from ident.arm.arm import Arm
@@ -107,7 +108,8 @@ def test_check_tells_whether_the_data_can_tell_the_spring_from_a_straight_one():
     assert not spring.unloaded
     assert spring.chi_squared > 1e4
     # the load at rest by statics: 20 kg at half the bar, and 50 kg at its end, less what it sinks
-    assert spring.at_rest[1] == pytest.approx(9.80665 * 60, rel=0.01)
+    found, expected = spring.at_rest[1], 9.80665 * 60
+    agrees(found, expected, "statics", "torque of a loaded spring at rest", "weight times arm", rtol=0.01, unit="N m")
     far = true_arm().replace({"s.torque1": 7e3, "s.torque2": 2e4})
     (spring,) = check_springs(pose(far, campaign()))
     assert not spring.told
@@ -147,4 +149,5 @@ def test_a_straight_springs_cost_is_that_of_the_best_straight_arm():
     best = minimize_scalar(cost, bounds=np.log([4e3, 2e4]), method="bounded", options={"xatol": 1e-10}).fun
     assert best > 100
     # the weak prior of the stiffness takes part in the fit
-    assert spring.chi_squared == pytest.approx(best, rel=1e-4)
+    what, source = "cost of a straight spring for a curved one", "SciPy's brentq and minimize_scalar"
+    agrees(spring.chi_squared, best, "inference", what, source, rtol=1e-4)

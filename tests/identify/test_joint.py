@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from conformance import agrees, counted
 from joint_logs import Truth, clamped_log, joint_log
 from scipy.stats import binom
 
@@ -34,9 +35,14 @@ def test_the_motor_s_torque_tells_stiffness_and_coulomb_friction():
     found = found_in(TRUTH, joint_log(TRUTH))
     assert_right(TRUTH, found, ["stiffness", "coulomb", "delay"])
     assert not found.parted
-    assert found.numbers["stiffness"].value == pytest.approx(2e5, rel=0.02)
-    assert found.numbers["coulomb"].value == pytest.approx(60, rel=0.03)
-    assert found.numbers["delay"].value == pytest.approx(3e-3 - 120 / 2e5, rel=0.02), "less viscous / stiffness"
+    source = "two masses integrated by SciPy"
+    for name, unit, expected, rel in (
+        ("stiffness", "N m/rad", 2e5, 0.02),
+        ("coulomb", "N m", 60, 0.03),
+        ("delay", "s", 3e-3 - 120 / 2e5, 0.02),  # less viscous / stiffness
+    ):
+        what = f"{name} of a joint from its own logs"
+        agrees(found.numbers[name].value, expected, "inference", what, source, rtol=rel, unit=unit)
 
 
 def test_a_joint_that_moves_alone_tells_viscous_friction_from_delay():
@@ -52,8 +58,10 @@ def test_the_torque_in_the_joint_tells_damping_and_backlash(channels):
     found = found_in(truth, joint_log(truth, channels=channels, noise=0.3))
     friction = ["coulomb", "viscous"] if "torque" in channels else []
     assert_right(truth, found, ["stiffness", "damping", *friction, "backlash", "delay"])
-    assert found.numbers["backlash"].value == pytest.approx(2e-4, rel=0.1)
-    assert found.numbers["damping"].value == pytest.approx(2000, rel=0.2)
+    source = "two masses integrated by SciPy"
+    for name, unit, expected, rel in (("backlash", "rad", 2e-4, 0.1), ("damping", "N m s/rad", 2000, 0.2)):
+        what = f"{name} of a joint from its own logs"
+        agrees(found.numbers[name].value, expected, "inference", what, source, rtol=rel, unit=unit)
 
 
 def test_damping_is_more_by_viscous_friction_where_they_are_not_parted():
@@ -175,5 +183,11 @@ def test_intervals_cover(truth, channels, alone):
                 inside[name].append(number.low <= expected <= number.high)
     for name, each in inside.items():
         if each:
-            assert binom.ppf(0.001, len(each), 0.95) <= sum(each), f"{name}: {sum(each)} of {len(each)}"
+            what, seen = (
+                f"{name} of a joint within its interval",
+                "alone" if alone else "load" if channels == LOAD else "motor",
+            )
+            least, share = binom.ppf(0.001, len(each), 0.95), 0.95 * len(each)
+            source = f"95 % promised, logs of the {seen}"
+            counted(sum(each), len(each), least, len(each), "verdict rates", what, source, expected=share)
             assert len(each) > 19

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees, counted
 from scipy.stats import binom
 
 from ident.arm.arm import stiffness_paths
@@ -100,8 +101,11 @@ def test_widths_are_the_difference_of_both_ways_with_its_standard_deviation():
     for loop in found.loops:
         own = [campaign.measurements[i] for i in loop.rows]
         means = [np.mean([m.value for m in own if m.ramp == ramp]) for ramp in ("loading", "unloading")]
-        assert loop.width == pytest.approx(means[1] - means[0], abs=1e-12)
-        assert loop.sd == pytest.approx(own[0].sigma * np.sqrt(2 / len(FORCES)), rel=1e-6)
+        source = "difference of the means, sigma sqrt(2 / n)"
+        width = means[1] - means[0]
+        agrees(loop.width, width, "inference", "widths of hysteresis loops", source, atol=1e-12)
+        expected, what = own[0].sigma * np.sqrt(2 / len(FORCES)), "std. errors of hysteresis loops"
+        agrees(loop.sd, expected, "inference", what, source, rtol=1e-6)
     assert found.p_value > 0.001
     assert found.degrees_of_freedom == len(campaign) - len(found.loops) - found.information.rank
 
@@ -116,7 +120,9 @@ def test_intervals_hold_the_truth():
             off = found.parameters[loop.name] - WIDTHS.get(loop.of.joint or "", 0.0)
             held.append(abs(off) < 1.96 * loop.sd)
     assert len(held) == 64
-    assert sum(held) >= binom.ppf(0.001, len(held), 0.95)
+    what, source, count = "widths of hysteresis loops within their intervals", "95 % promised", len(held)
+    least = binom.ppf(0.001, count, 0.95)
+    counted(sum(held), count, least, count, "verdict rates", what, source, expected=0.95 * count)
 
 
 def test_the_derivatives_are_those_of_finite_differences():

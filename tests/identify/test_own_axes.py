@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees
 from one_program import predicted
 from scipy.spatial.transform import Rotation
 
@@ -36,7 +37,8 @@ def test_a_load_along_a_bodys_axes_is_one_along_the_turned_axes(text):
     turn = Rotation.from_euler("z", sum(POSTURE[: TURNS[body]]))
     turned = (tuple(turn.apply(vector)), point)
     base = Load(forces=(turned,)) if kind == "force" else Load(moments=(turned,))
-    np.testing.assert_allclose(moved(load), moved(base), rtol=1e-12, atol=1e-15)
+    what, source = "deflection by loads along a body's axes", "the load turned by SciPy's Rotation"
+    agrees(moved(load), moved(base), "statics", what, source, rtol=1e-12, atol=1e-15, unit="m")
 
 
 def test_it_is_written_as_it_is_read_and_terms_add_up():

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees, counted
 from scipy.stats import binom
 
 from ident.errors import InputError
@@ -31,7 +32,9 @@ def sd_of_mean(sigma):
 @pytest.mark.parametrize("count", [1, 5, 500])
 def test_equal_hits_are_no_surer_than_the_display(count):
     sigma = pose(lcd_arm(), hits(count)).problem.sigma
-    assert sd_of_mean(sigma) == pytest.approx(np.hypot(0.002 / np.sqrt(count), 0.01 / np.sqrt(12)), rel=1e-12)
+    expected, what = np.hypot(0.002 / np.sqrt(count), 0.01 / np.sqrt(12)), "std. error of rounded readings"
+    source = "uniform rounding, step / sqrt(12)"
+    agrees(sd_of_mean(sigma), expected, "inference", what, source, rtol=1e-12, unit="Hz")
 
 
 def test_without_a_resolution_they_count_as_they_did():
@@ -76,7 +79,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         return int((np.abs(fitted - truth) < 1.96 * information**-0.5).sum())
 
     low, high = binom.ppf([0.0005, 0.9995], truths, 0.95)
-    assert low <= covered(step) <= high
+    what, source = "rounded readings within their intervals", "95 % promised, 4000 truths"
+    counted(covered(step), truths, low, high, "verdict rates", what, source, expected=0.95 * truths)
     assert covered(0.0) < 0.1 * truths, "as if all readings were independent, intervals are far too short"
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import random_arm
+from conformance import agrees
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
@@ -86,14 +87,16 @@ def test_stiff_joints_turn_as_the_linear_theory_has_it():
     values, _ = predicted(STIFF)
     for arm, found in zip(arms(), values, strict=True):
         turn, way = linear(scaled(arm, STIFF))
-        np.testing.assert_allclose(found[2], turn, rtol=0, atol=1e-5 * np.abs(turn).max())
-        np.testing.assert_allclose(found[3], way, rtol=0, atol=1e-5 * np.abs(way).max())
+        source = "linear theory, sum of K^-1 (r x F)"
+        agrees(found[2], turn, "statics", "rotation under a force, stiff joints", source, largest=1e-5, unit="rad")
+        agrees(found[3], way, "statics", "displacement under a force, stiff joints", source, largest=1e-5, unit="m")
 
 
 def test_a_difference_is_the_turn_from_one_load_case_to_the_other():
     values, _ = predicted(0.1)
     alone, loaded, between = (Rotation.from_rotvec(values[:, i]) for i in range(3))
-    np.testing.assert_allclose((between * alone).as_matrix(), loaded.as_matrix(), rtol=0, atol=1e-13)
+    found, what = (between * alone).as_matrix(), "rotation from one load case to the other"
+    agrees(found, loaded.as_matrix(), "statics", what, "SciPy's Rotation", atol=1e-13)
     apart = np.abs(values[:, 1] - values[:, 0] - values[:, 2]).max()
     assert apart > 1e-7, "the difference of two rotation vectors would be another one"
 
@@ -105,7 +108,7 @@ def test_a_derivative_is_that_of_differences():
     ahead = [np.asarray(by_k(k * (1 + n * step)) - by_k(k * (1 - n * step))) for n in (1, 2)]
     expected = (8 * ahead[0] - ahead[1]) / (12 * step)
     slope = predicted(1.0)[1][0].ravel()
-    np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+    agrees(slope, expected, "statics", "slopes of rotations", "differences of order 4", largest=1e-8)
 
 
 @pytest.mark.parametrize("kind", ["rotation", "rotation_difference"])

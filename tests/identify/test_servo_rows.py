@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees
 from equinox import filter_jit
 from one_program import shown
 from scipy.linalg import eig
@@ -83,8 +84,11 @@ def reference(posture) -> tuple[np.ndarray, np.ndarray]:
 def test_each_row_has_the_modes_of_what_held_its_motors():
     on, off = reference(UNFOLDED)
     values = predicted()[0]
-    np.testing.assert_allclose(values[:4], on[list(PLACES.values())], rtol=1e-9)
-    np.testing.assert_allclose(values[4:7], off[[0, 1, 3]], rtol=1e-9)
+    source = "equations of motion, modes by SciPy"
+    what = "frequencies of a campaign, servo on"
+    agrees(values[:4], on[list(PLACES.values())], "modal", what, source, rtol=1e-9, unit="Hz")
+    what = "frequencies of a campaign, brake on"
+    agrees(values[4:7], off[[0, 1, 3]], "modal", what, source, rtol=1e-9, unit="Hz")
     lower, upper = values[[2, 3]] / off[3]
     assert lower == pytest.approx(15.29 / off[3], abs=1e-3)
     assert upper == pytest.approx(20.12 / off[3], abs=1e-3)
@@ -120,7 +124,8 @@ def test_damping_ratios_contain_the_servo():
     (value,) = ModesOfRows.of(
         ArmModel(arm(), bind(arm(), Campaign(measurements=tuple(OF_PLACES)))), {}, [ratio], []
     ).poles(own)
-    assert value == pytest.approx(-s.real / abs(s), rel=1e-8)
+    what, source = "damping ratio with a servo", "SciPy's eigenvalues of the state matrix"
+    agrees(value, -s.real / abs(s), "modal", what, source, rtol=1e-8)
     assert value > 0.02
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conformance import agrees, counted
 from engines import MujocoArm, stiffness
 from known_shapes import CROSSING, SKEW, rows, with_elbow
 from scipy.linalg import eigh
@@ -78,7 +79,8 @@ def test_ratios_are_those_of_mujocos_eigenvectors(arm, campaigns, found):
     for m, value in zip(campaign, predicted, strict=True):
         if m.kind == "shape" and (m.point, m.reference_point) == ("tip", "tip"):
             own = moved[labels.index(m.mode)]
-            assert value == pytest.approx(own @ m.direction / (own @ m.reference_direction), abs=1e-7)
+            expected = own @ m.direction / (own @ m.reference_direction)
+            agrees(value, expected, "modal", "ratios of mode shapes", "MuJoCo, eigenvectors by LAPACK", atol=1e-7)
             compared += 1
     assert compared >= 4
 
@@ -93,7 +95,8 @@ def test_slopes_are_those_of_differences(found):
     jacobian = np.asarray(there.jacobian)
     for own in np.split(np.arange(len(jacobian)), 4):
         assert np.abs(jacobian[own][shapes[own]]).max() > 0.1
-        np.testing.assert_allclose(jacobian[own], differences[own], atol=2e-8 * np.abs(jacobian[own]).max())
+        least, what = float(2e-8 * np.abs(jacobian[own]).max()), "slopes of mode shapes, near a crossing too"
+        agrees(jacobian[own], differences[own], "modal", what, "central differences", rtol=1e-7, atol=least)
 
 
 @slow
@@ -174,7 +177,8 @@ def test_the_slopes_of_measured_ratios_are_those_of_differences():
     _, _, slopes = _ratios(shape)
     ways, h = [*np.eye(5), *(1j * np.eye(5))], 1e-6
     differences = np.array([(_ratios(shape + h * way)[1] - _ratios(shape - h * way)[1]) / (2 * h) for way in ways]).T
-    np.testing.assert_allclose(slopes, differences, atol=1e-8)
+    what = "slopes of measured ratios"
+    agrees(slopes, differences, "modal", what, "central differences", rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(_ratios(3 * shape * np.exp(1j))[1], _ratios(shape)[1], rtol=1e-12)
 
 
@@ -195,7 +199,13 @@ def test_fits_of_noisy_shapes_hold_the_truth_as_often_as_they_say(arm, campaigns
         sd = np.sqrt(np.diag(np.linalg.inv(slope.T @ slope)))
         inside += int((abs(np.asarray(end.theta) - truth) < 1.96 * sd).sum())
         squared += float(np.square(residuals[: len(counts)]).sum())
-    assert inside >= binom.ppf(0.001, 12 * len(truth), 0.95)
+    what, source, count = (
+        "stiffnesses by shapes near a crossing within their intervals",
+        "95 % promised",
+        12 * len(truth),
+    )
+    least = binom.ppf(0.001, count, 0.95)
+    counted(inside, count, least, count, "verdict rates", what, source, expected=0.95 * count)
     degrees = 12 * (len(campaign) - len(truth))
     # the pair that nearly coincides says less than its rows, and priors hold what data leave open
     assert chi2.ppf(0.001, degrees - 24) < squared < chi2.ppf(0.999, degrees + 12 * len(truth))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from conformance import counted
 from scipy.stats import binom
 
 from ident import InputError, read_campaign
@@ -45,7 +46,10 @@ def test_right_campaigns_are_predicted_as_often_as_is_said():
     assert not any(each.missed for each in found)
     count = sum(len(each.z) for each in found)
     assert count == 8 * len(CAMPAIGN)
-    assert binom.ppf(1e-3, count, 0.95) <= sum(each.covered for each in found) <= binom.ppf(1 - 1e-4, count, 0.95)
+    low, high = binom.ppf([1e-3, 1 - 1e-4], count, 0.95)
+    what, source = "postures left out within their intervals", "95 % promised, known arms"
+    covered = sum(each.covered for each in found)
+    counted(covered, count, low, high, "verdict rates", what, source, expected=0.95 * count)
     assert np.std(np.concatenate([each.z for each in found])) == pytest.approx(1.0, rel=0.25)
     for each in found:
         scopes = {scope.kind: scope for scope in each.scopes}

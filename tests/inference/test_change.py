@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from chains import Linear
+from conformance import agrees
 from scipy.stats import kstest
 
 from ident.inference.change import WIDE, change
@@ -49,9 +50,10 @@ def test_changes_are_those_of_the_joint_least_squares(matrices):
     values = [np.array([0.3, -0.1, 0.2, 0.5, 0.0]), np.array([0.6, -0.4])]
     found = change(*fits(matrices, values), NAMES)
     joint, covariance, T = closed(matrices, values)
-    assert found.change == pytest.approx(joint[3:], abs=1e-6)
-    assert found.covariance == pytest.approx(covariance, rel=1e-6)
-    assert found.statistic == pytest.approx(T, rel=1e-6)
+    source = "joint least squares, written out"
+    agrees(found.change, joint[3:], "inference", "changes between two fits", source, atol=1e-6)
+    agrees(found.covariance, covariance, "inference", "covariance of changes", source, rtol=1e-6)
+    agrees(found.statistic, T, "inference", "chi-squared of a change", source, rtol=1e-6)
     assert np.log(found.second / found.first) == pytest.approx(found.change, abs=1e-9)
     assert np.log(found.first * found.second) / 2 == pytest.approx(joint[:3], abs=1e-6)
     assert found.mean == pytest.approx(3 - np.trace(covariance) / WIDE**2, rel=1e-6)
@@ -68,7 +70,8 @@ def test_a_parameter_that_does_not_change_is_shared(matrices):
         [[A, -A[:, keep] / 2], [B, B[:, keep] / 2], [eye / PRIOR, np.zeros((3, 2))], [np.zeros((2, 3)), np.eye(2)]]
     )
     y = np.concatenate([values[0] / 0.1, values[1] / 0.1, np.zeros(5)])
-    assert found.change == pytest.approx(np.linalg.lstsq(rows, y)[0][3:], abs=1e-6)
+    what, source = "changes with a shared parameter", "joint least squares, NumPy"
+    agrees(found.change, np.linalg.lstsq(rows, y)[0][3:], "inference", what, source, atol=1e-6)
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conformance import agrees
 
 from ident.errors import InputError
 from ident.inference.fit import fit
@@ -38,7 +39,8 @@ def test_the_step_is_the_distance_to_the_optimum_in_standard_deviations(off, sig
     posed = problem(twice, [1 - 30 * sigma, 1 + 30 * sigma], sigma)
     sd = sigma / np.sqrt(2)
     found = at(posed, [np.log1p(off * sd)])
-    assert found.step == pytest.approx(off, rel=1e-2, abs=1e-9)
+    what, source = "step to the optimum in std. errors", "distance, by hand"
+    agrees(found.step, off, "inference", what, source, rtol=1e-2)
     assert found.converged == (off < OPTIMUM_STEP)
     assert len(found.open) == 0
 
@@ -83,8 +85,8 @@ def test_holms_correction():
 
 def test_the_limit_for_a_single_row_grows_with_their_number():
     assert farthest(1) == pytest.approx(3)
-    assert farthest(20) == pytest.approx(3.82, abs=0.01)
-    assert farthest(1000) == pytest.approx(4.70, abs=0.01)
+    what, source = "limit for the largest of 20 and of 1000 rows", "normal quantiles, Bonferroni"
+    agrees([farthest(20), farthest(1000)], [3.82, 4.70], "inference", what, source, atol=0.01)
     assert standard_deviations(RARE) == pytest.approx(3)
     assert standard_deviations(0.0) == np.inf
 

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conformance import agrees, counted
 from scipy.linalg import block_diag
 from scipy.stats import chi2, multivariate_normal
 
@@ -63,12 +64,22 @@ MEASURED = A @ [1.0, -2.0] + np.linalg.cholesky(COVARIANCE) @ RNG.standard_norma
 
 
 def test_a_fit_is_that_of_generalised_least_squares():
-    found = fit(posed(MEASURED), starts=2)
+    found, source = fit(posed(MEASURED), starts=2), "generalised least squares, dense"
     best, known = generalised_least_squares(MEASURED)
-    np.testing.assert_allclose(found.best.values, best, atol=1e-9)
-    np.testing.assert_allclose(found.information.covariance, known, rtol=1e-9)
+    agrees(found.best.values, best, "inference", "fit with correlated errors", source, rtol=1e-7, atol=1e-9)
+    agrees(
+        found.information.covariance,
+        known,
+        "inference",
+        "covariance of a fit with correlated errors",
+        source,
+        rtol=1e-9,
+    )
     off = MEASURED - A @ best
-    assert found.chi_squared == pytest.approx(off @ np.linalg.solve(COVARIANCE, off), rel=1e-9)
+    chi_squared = off @ np.linalg.solve(COVARIANCE, off)
+    agrees(
+        found.chi_squared, chi_squared, "inference", "chi-squared of a fit with correlated errors", source, rtol=1e-9
+    )
 
 
 def test_values_that_do_not_count_are_taken_out_of_their_group():
@@ -90,7 +101,8 @@ def test_the_density_is_that_of_scipy():
     found = evaluate(posterior(problem, ("x",)), np.column_stack([points, 0.3 * np.ones(5)]), 5)
     scale = np.where(np.array(problem.kinds) == "x", np.exp(0.3), 1.0)
     expected = [multivariate_normal(A @ p, COVARIANCE * np.outer(scale, scale)).logpdf(MEASURED) for p in points]
-    np.testing.assert_allclose(found.log_likelihood, expected, rtol=1e-12)
+    what, source = "likelihood of correlated errors", "SciPy's multivariate_normal"
+    agrees(found.log_likelihood, expected, "inference", what, source, rtol=1e-12)
 
 
 def test_without_correlation_nothing_changes():
@@ -109,7 +121,8 @@ def test_what_is_held_out_is_foretold_by_rows_that_are_not_correlated_with_it():
     (found,) = held_out(fit(posed(MEASURED), starts=2), {"some": (3, 0)})
     others = np.array([2, 5, 6, 7, 8])
     best, known = generalised_least_squares(MEASURED, others)
-    np.testing.assert_allclose(found.predicted, A[[3, 0]] @ best, atol=1e-8)
+    what, source = "values left out, predicted from the others", "generalised least squares without their groups"
+    agrees(found.predicted, A[[3, 0]] @ best, "inference", what, source, rtol=1e-7, atol=1e-8)
     expected = A[[3, 0]] @ known @ A[[3, 0]].T + COVARIANCE[np.ix_([3, 0], [3, 0])]
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-7)
     (found,) = held_out(fit(posed(MEASURED), starts=2), {"a pair": (8, 5)})
@@ -124,7 +137,8 @@ def test_a_group_is_dropped_whole():
         own = np.linalg.cholesky(COVARIANCE[np.ix_(rows, rows)])
         J = np.linalg.solve(own, A[list(rows)])
         share = np.trace(J @ np.linalg.inv(white.T @ white) @ J.T)
-        np.testing.assert_allclose(part.leverage[list(rows)].sum(), share, rtol=1e-9)
+        what, source = "leverage of a correlated group", "trace of the hat matrix, dense"
+        agrees(part.leverage[list(rows)].sum(), share, "inference", what, source, rtol=1e-9)
     assert part.leverage.sum() == pytest.approx((hat**2).sum())
 
 
@@ -136,7 +150,8 @@ def test_a_score_test_is_that_of_generalised_least_squares():
     C, priors = np.linalg.inv(COVARIANCE), np.diag([*PRIOR_SD**-2, 0.0])
     known = np.linalg.inv(wide.T @ C @ wide + priors)
     amount = (known @ wide.T @ C @ MEASURED)[2]
-    assert test.z == pytest.approx(amount / np.sqrt(known[2, 2]), rel=1e-6)
+    what, source = "score of a perturbation, correlated errors", "generalised least squares, one column more"
+    agrees(test.z, amount / np.sqrt(known[2, 2]), "inference", what, source, rtol=1e-6)
 
 
 def test_draws_and_the_data_they_predict_have_the_correlation():
@@ -148,7 +163,8 @@ def test_draws_and_the_data_they_predict_have_the_correlation():
     np.testing.assert_allclose(np.cov(theta.T), known, rtol=0.1, atol=0.05 * np.diag(known).max())
     simulated = posterior_predictive(drawn, count=4000).simulated
     whole = A @ known @ A.T + COVARIANCE
-    np.testing.assert_allclose(np.cov(simulated.T), whole, atol=0.1 * np.diag(whole).max())
+    what, source = "covariance of predicted data", "J P J' + C"
+    agrees(np.cov(simulated.T), whole, "inference", what, source, rtol=1e-7, atol=float(0.1 * np.diag(whole).max()))
 
 
 def test_kinds_are_compared_without_what_ties_them():
@@ -185,7 +201,8 @@ def test_rates():
             own.append(off @ np.linalg.solve(found.information.covariance, off) < chi2.ppf(0.95, 2))
         inside.append(own)
     whole, diagonal = np.mean(inside, 0)
-    assert 0.88 <= whole <= 0.99
+    what, source = "regions of correlated errors that hold the truth", "95 % promised, known truths"
+    counted(round(50 * whole), 50, 0.88 * 50, 0.99 * 50, "verdict rates", what, source, expected=47.5)
     assert diagonal < 0.6
 
 

@@ -3,6 +3,7 @@
 import math
 from itertools import pairwise
 
+import conformance
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -49,13 +50,16 @@ def test_contradicting_kinds_in_closed_form():
     x, y = found["x"], found["y"]
     assert (x.rows, y.rows) == ((0, 1), (2,))
     np.testing.assert_allclose(y.predicted, 4)
-    np.testing.assert_allclose(y.z, (10 - 4) / (0.5 * math.sqrt(1 + 1 / 2)))
+    expected, source = (10 - 4) / (0.5 * math.sqrt(1 + 1 / 2)), "normal distributions, by hand"
+    what = "one kind of data predicted from another"
+    conformance.agrees(y.z, expected, "inference", what, source, rtol=1e-7)
     np.testing.assert_allclose(x.z, [(3 - 10) / (0.5 * math.sqrt(2)), (5 - 10) / (0.5 * math.sqrt(2))])
     assert y.statistic == pytest.approx(y.z[0] ** 2), "what is off within x is no matter between x and y"
     assert x.statistic == pytest.approx(y.statistic)
     for each in (x, y):
         assert (each.degrees_of_freedom, each.scale) == pytest.approx((1, 1))
-        assert each.p_value == pytest.approx(chi2.sf(96, 1), rel=1e-6)
+        what, source = "p-value of a contradiction", "SciPy's chi-squared"
+        conformance.agrees(each.p_value, chi2.sf(96, 1), "inference", what, source, rtol=1e-6)
         assert each.sd == pytest.approx(math.sqrt(96))
     assert contradicting([x, y]) == (x, y)
 
@@ -74,7 +78,8 @@ def test_a_prior_is_a_measurement_too():
     assert compared(linear([[1, 1], [1, 0]], [3.0, 0.0], prior_sd=2.0))["y"].z is None, "nothing contradicts"
     found = compared(linear([[1, 1], [1, 0]], [90.0, 0.0], prior_sd=2.0))
     np.testing.assert_allclose(found["y"].predicted, 40)
-    np.testing.assert_allclose(found["y"].z, -40 / math.sqrt(1 + 4 - 16 / 9))
+    what, source = "prediction with priors", "conditional normal, by hand"
+    conformance.agrees(found["y"].z, -40 / math.sqrt(1 + 4 - 16 / 9), "inference", what, source, rtol=1e-7)
     np.testing.assert_allclose(found["x"].z, 90 / math.sqrt(1 + 8 - 16 / 5))
 
 
@@ -127,8 +132,9 @@ def test_truths_from_the_prior_give_uniform_p_values():
             T = minimum(own | True, 1.0) - minimum(~own, 1.0) - minimum(own, 10.0)
             scale, freedom = quadratic_form(A, widths, own)
             p[kind].append(chi2.sf(T / scale, freedom))
-    for values in p.values():
-        assert kstest(values, "uniform").pvalue > 1e-3
+    for kind, values in p.items():
+        what, source = f"p-values of right campaigns, kind {kind}", "uniform: SciPy's Kolmogorov-Smirnov"
+        conformance.within(kstest(values, "uniform").pvalue, 1e-3, 1.0, "verdict rates", what, source)
 
 
 def test_the_statistic_is_that_of_the_minima():
@@ -140,7 +146,9 @@ def test_the_statistic_is_that_of_the_minima():
             least(np.vstack([A[rows], np.eye(5) / width]), np.append(b[rows], np.zeros(5)))
             for rows, width in ((own | True, 1.0), (~own, 1.0), (own, 10.0))
         ]
-        assert each.statistic == pytest.approx(parts[0] - parts[1] - parts[2], rel=1e-6)
+        what, source = "statistic of kinds against each other", "three least squares, NumPy"
+        expected = parts[0] - parts[1] - parts[2]
+        conformance.agrees(each.statistic, expected, "inference", what, source, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("sd", "flat"), [(0.7, 0.0), (0.01, 1.2), (0.1, 0.3), (1.0, 1.0)])
@@ -157,7 +165,8 @@ def test_a_prior_has_the_standard_deviation_of_its_density(sd, flat):
         return 2 * sum(quad(density, a, b, epsabs=1e-13)[0] for a, b in pairwise(edges) if b > a)
 
     assert moment(0) == pytest.approx(1, rel=1e-6)
-    assert moment_sd(parameters)[0] == pytest.approx(math.sqrt(moment(2)), rel=1e-6)
+    expected, what = math.sqrt(moment(2)), "std. deviation of a flat-topped prior"
+    conformance.agrees(moment_sd(parameters)[0], expected, "inference", what, "SciPy's quad", rtol=1e-6)
 
 
 def test_without_prior_there_is_no_standard_deviation():
@@ -179,8 +188,9 @@ def test_flat_priors_raise_rather_too_few_alarms():
         p = chi2.sf((parts[0] - parts[1] - parts[2]) / scale, freedom)
         for level in alarms:
             alarms[level] += p < level
-    assert alarms[0.05] <= 70
-    assert alarms[0.003] <= 9
+    for level, most in ((0.05, 70), (0.003, 9)):
+        what, source = f"alarms at {level:g}, truths from flat priors", "promised level, 1000 campaigns"
+        conformance.counted(alarms[level], 1000, 0, most, "verdict rates", what, source, expected=1000 * level)
 
 
 def test_a_power_is_followed_however_far_the_start():

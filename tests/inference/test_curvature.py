@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
+from conformance import agrees
 
 from ident.inference.fit import fit, with_stretch
 from ident.inference.optima import fixed_combinations
@@ -26,13 +27,15 @@ def stiffness(sigma: float, prior_sd: float = math.inf) -> InverseProblem:
 
 def test_a_long_interval_ends_where_the_cost_has_risen_enough():
     found = fit(stiffness(0.3), starts=1)
-    np.testing.assert_allclose(found.interval()[0], [1 - 0.3 * Z, 1 + 0.3 * Z], rtol=1e-4)
+    what, source = "ends of a long interval", "1 -/+ 0.3 z, closed form"
+    agrees(found.interval()[0], [1 - 0.3 * Z, 1 + 0.3 * Z], "inference", what, source, rtol=1e-4)
 
 
 def test_a_short_one_is_linear_to_the_last_digit():
     found = fit(stiffness(0.05), starts=1)
     np.testing.assert_array_equal(found.stretch, 1.0)
-    np.testing.assert_allclose(found.interval()[0], np.exp([-0.05 * Z, 0.05 * Z]), rtol=1e-9)
+    expected, what = np.exp([-0.05 * Z, 0.05 * Z]), "ends of a short interval"
+    agrees(found.interval()[0], expected, "inference", what, "exp(-/+ z sd)", rtol=1e-9)
 
 
 def test_the_prior_counts():
@@ -44,7 +47,8 @@ def test_the_prior_counts():
             rise = ((middle - 1) / 0.45) ** 2 + (math.log(middle) / 0.8) ** 2
             inside, outside = (middle, outside) if rise < Z**2 else (inside, middle)
         ends.append(inside)
-    np.testing.assert_allclose(found.interval()[0], ends, rtol=1e-4)
+    what, source = "ends of an interval with a prior", "bisection of the cost"
+    agrees(found.interval()[0], ends, "inference", what, source, rtol=1e-4)
 
 
 def test_another_level_is_in_proportion():
@@ -100,7 +104,8 @@ def test_a_combination_is_as_wide_as_its_profile():
         (((np.exp(s / 2) / (2 * np.cosh(unlike)) - 0.5) / 0.005) ** 2 + s**2 / 2 + 2 * unlike**2).min() for s in total
     ]
     ends = total[np.flatnonzero(np.array(cost) < Z**2)[[0, -1]]] / math.sqrt(2)
-    np.testing.assert_allclose(known.sd, np.ptp(ends) / (2 * Z), rtol=0.05)
+    what, source = "width of a known combination", "cost on a grid, minimised across"
+    agrees(known.sd, np.ptp(ends) / (2 * Z), "inference", what, source, rtol=0.05)
     assert known.sd > 10 * found.information.directions[0].sd
 
 

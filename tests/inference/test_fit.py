@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from arms import lcd_arm
 from chains import storey_frequencies, storey_problem
+from conformance import agrees
 from one_program import shown
 
 from ident.errors import InputError, ModelError
@@ -262,8 +263,8 @@ def test_an_interval_reaches_over_all_optima_that_the_data_do_not_rule_out():
     assert found.ties == 0
     low, high = found.interval()[0]
     half = math.sqrt(1.959964**2 - 0.5) * 0.005
-    assert low == pytest.approx(-1 - half, abs=1e-4)
-    assert high == pytest.approx(1 + 1.96 * 0.005, abs=1e-4)
+    what, source = "interval over two optima", "1.96^2 less the difference of costs, by hand"
+    agrees([low, high], [-1 - half, 1 + 1.96 * 0.005], "inference", what, source, atol=1e-4)
 
 
 def test_an_optimum_that_the_data_rule_out_widens_no_interval():
@@ -283,8 +284,9 @@ def met(*starts, cost=0.0):
 def test_how_many_rivals_were_not_met_is_estimated_by_how_often_each_was():
     """Boender & Rinnooy Kan 1987: w (n - 1) / (n - w - 2) in all."""
     assert unmet(met(3)) == 0.0
-    assert unmet(met(14, 2)) == pytest.approx(2 * 15 / 12 - 2)
-    assert unmet(met(40, 3, 2, 1)) == pytest.approx(4 * 45 / 40 - 4)
+    what, source = "optima that the search has not met", "Boender and Rinnooy Kan 1987"
+    expected = [2 * 15 / 12 - 2, 4 * 45 / 40 - 4]
+    agrees([unmet(met(14, 2)), unmet(met(40, 3, 2, 1))], expected, "inference", what, source, rtol=1e-6)
     assert unmet(met(1, 2, 1)) == math.inf
     far = dataclasses.replace(met(1)[0], cost=50.0)
     assert unmet([*met(14), far]) == 0.0, "what the data rule out does not count"

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conformance import agrees
 
 from ident.inference.problem import Choice
 from ident.inference.search import End, descent, together
@@ -35,7 +36,7 @@ def slope(x):
 def test_a_bent_valley_is_followed_to_its_end():
     end, ended = minimum(*of(rosenbrock, slope), np.array([-1.2, 1.0]), None, True)
     assert ended
-    np.testing.assert_allclose(end.theta, [1.0, 1.0], atol=1e-6)
+    agrees(end.theta, [1.0, 1.0], "inference", "minimum of a bent valley", "Rosenbrock 1960", rtol=1e-7, atol=1e-6)
 
 
 def test_steps_that_lead_upwards_are_damped():
@@ -52,7 +53,8 @@ def test_a_straight_problem_takes_two_looks():
     end, ended = minimum(*of(lambda x: A @ x - b, lambda x: A, looks), np.zeros(3), None, True)
     assert ended
     assert len(looks) == 2
-    np.testing.assert_allclose(end.theta, np.linalg.lstsq(A, b)[0], atol=1e-10)
+    expected, what = np.linalg.lstsq(A, b)[0], "minimum of a straight problem"
+    agrees(end.theta, expected, "inference", what, "NumPy's lstsq", rtol=1e-7, atol=1e-10)
     assert end.cost == pytest.approx(((A @ end.theta - b) ** 2).sum(), rel=1e-12)
 
 

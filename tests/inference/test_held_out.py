@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conformance import agrees
 from scipy.stats import chi2
 
 from ident.inference.fit import fit
@@ -33,9 +34,11 @@ def test_a_group_is_predicted_by_the_least_squares_of_the_others(places):
     covariance = A[places] @ np.linalg.inv(F) @ A[places].T + SIGMA**2 * np.eye(len(places))
     off = Y[places] - A[places] @ theta
     assert part.told
-    assert part.off == pytest.approx(off, abs=1e-7)
-    assert part.covariance == pytest.approx(covariance, rel=1e-6)
-    assert part.p_value == pytest.approx(chi2.sf(off @ np.linalg.solve(covariance, off), len(places)), rel=1e-5)
+    source = "least squares of the others, NumPy"
+    agrees(part.off, off, "inference", "errors of values left out", source, atol=1e-7)
+    agrees(part.covariance, covariance, "inference", "covariance of values left out", source, rtol=1e-6)
+    p_value, what = chi2.sf(off @ np.linalg.solve(covariance, off), len(places)), "p-value of values left out"
+    agrees(part.p_value, p_value, "inference", what, "SciPy's chi-squared", rtol=1e-5)
 
 
 def test_what_the_others_leave_open_is_not_told():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conformance import agrees
 
 from ident.inference.information import information
 
@@ -12,7 +13,8 @@ NAMES = ("a", "b", "c")
 def test_full_rank_covariance_is_the_inverse_information():
     J = np.random.default_rng(0).normal(size=(7, 3)) * 9
     known = information(J, NONE, NAMES)
-    np.testing.assert_allclose(known.covariance, np.linalg.inv(J.T @ J), rtol=1e-10)
+    expected, what = np.linalg.inv(J.T @ J), "covariance without priors"
+    agrees(known.covariance, expected, "inference", what, "(J' J)^-1, NumPy", rtol=1e-10)
     np.testing.assert_allclose(known.data_sd, known.sd, rtol=1e-10)
     assert known.rank == 3
     assert known.supported.all()
@@ -25,8 +27,9 @@ def test_prior_adds_its_information():
     prior = np.array([0.5, 1.0, 2.0])
     known = information(J, prior, NAMES)
     expected = np.linalg.inv(J.T @ J + np.diag(1 / prior**2))
-    np.testing.assert_allclose(known.covariance, expected, rtol=1e-10)
-    np.testing.assert_allclose(known.prior_share, np.diag(expected) / prior**2, rtol=1e-10)
+    source, shares = "(J' J + P^-1)^-1, NumPy", np.diag(expected) / prior**2
+    agrees(known.covariance, expected, "inference", "covariance with priors", source, rtol=1e-10)
+    agrees(known.prior_share, shares, "inference", "share of the priors", source, rtol=1e-10)
 
 
 def test_two_parameters_that_only_their_sum_is_seen_of():

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conformance import agrees
 
 from ident.inference.levenberg_marquardt import LEAST_STEP
 from ident.inference.parameters import Parameter, Parameters
@@ -83,4 +84,5 @@ def test_a_combination_is_held_where_it_should_be():
     both = np.block([[A.T @ A, weights[:, None]], [weights, 0.0]])
     expected = np.linalg.solve(both, np.append(A.T @ [0.5, 3.0], 1.0))[:2]
     assert ended
-    np.testing.assert_allclose(end.theta, expected, atol=1e-7)
+    what, source = "minimum with a combination held", "Lagrange's equations, NumPy"
+    agrees(end.theta, expected, "inference", what, source, rtol=1e-7, atol=1e-7)

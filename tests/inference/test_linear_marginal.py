@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conformance import agrees
 from scipy.stats import multivariate_normal
 
 from ident.inference.fit import fit
@@ -50,7 +51,8 @@ def test_the_density_is_that_of_the_dense_covariance():
     at = evaluate(target, theta, 7)
     covariance = np.diag(SIGMA**2) + WIDTH**2 * np.outer(J[:, 2], J[:, 2])
     dense = [multivariate_normal(J @ [a, b, CENTRE], covariance).logpdf(MEASURED) for a, b in theta]
-    np.testing.assert_allclose(at.log_likelihood, dense, rtol=1e-10)
+    what, source = "likelihood, nuisance integrated out", "SciPy's multivariate_normal, C + G P G'"
+    agrees(at.log_likelihood, dense, "inference", what, source, rtol=1e-10)
     prior = multivariate_normal([0.0, 0.0], 4.0 * np.eye(2)).logpdf(theta)
     np.testing.assert_allclose(at.log_density, dense + prior, rtol=1e-10)
 
@@ -68,7 +70,8 @@ def test_the_nuisance_is_drawn_as_the_whole_posterior_has_it():
     weight = (J[:, 2] / SIGMA**2) @ J[:, 2] + WIDTH**-2
     mean = ((J[:, 2] / SIGMA**2) @ (MEASURED - J[:, :2] @ theta[0]) + CENTRE / WIDTH**2) / weight
     c = WIDTH * drawn[:, 2]
-    assert c.mean() == pytest.approx(mean, abs=4 * (weight * 20000) ** -0.5)
+    what, source = "mean of a nuisance drawn again", "conditional normal, 4 std. errors"
+    agrees(c.mean(), mean, "inference", what, source, atol=4 * (weight * 20000) ** -0.5)
     assert c.var() * weight == pytest.approx(1.0, abs=4 * (2 / 20000) ** 0.5)
     np.testing.assert_allclose(log_density[:5], evaluate(whole, drawn[:5], 5).log_density, rtol=1e-9)
 
@@ -83,7 +86,9 @@ def test_a_straight_nuisance_is_integrated_out_and_agrees_with_least_squares():
     covariance = np.linalg.inv(rows.T @ rows)
     mean, sd = covariance @ rows.T @ right, np.sqrt(np.diag(covariance))
     draws, ess = found.draws(), found.diagnosis[0].bulk
-    assert (np.abs(draws.mean(0) - mean) < 4 * sd / np.sqrt(ess)).all()
+    what, source = "means of draws, over 4 Monte Carlo errors", "normal equations, NumPy"
+    error = 4 * sd / np.sqrt(ess)
+    agrees(draws.mean(0) / error, mean / error, "inference", what, source, atol=1.0)
     np.testing.assert_allclose(draws.std(0) / sd, 1.0, atol=4 * (2 * ess.min()) ** -0.5)
 
 

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conformance import agrees, within
 from scipy.integrate import quad
 from scipy.stats import ks_2samp, kstest, norm
 
@@ -51,7 +52,8 @@ def test_each_factor_is_integrated_as_scipy_does(sigma, width, noise):
     np.testing.assert_allclose(at_one[:, 0], evaluate(both, whole, 6).log_density, rtol=1e-12)
     for i in range(6):
         gain = sum(_integral(A[i, k], B[i, k], sd) for k, sd in enumerate((width, width / 2)))
-        assert value[i, 0] == pytest.approx(at_one[i, 0] + gain, abs=1e-6)
+        what, source = "density, discrepancies integrated out", "SciPy's quad"
+        agrees(value[i, 0], at_one[i, 0] + gain, "inference", what, source, atol=1e-6)
 
 
 def test_a_factor_is_integrated_among_correlated_errors():
@@ -68,7 +70,11 @@ def test_a_factor_is_integrated_among_correlated_errors():
         points = np.column_stack([np.tile(theta_i, (len(grid), 1)), grid])
         log = np.asarray(evaluate(whole, points, len(grid)).log_density)
         expected = log.max() + np.log(np.trapezoid(np.exp(log - log.max()), grid))
-        assert value == pytest.approx(expected, abs=1e-6)
+        what, source = (
+            "density with correlated errors, discrepancies integrated out",
+            "the whole posterior, NumPy's trapezoid",
+        )
+        agrees(value, expected, "inference", what, source, atol=1e-6)
     both = posterior(with_discrepancy(plain, {"deflection": width, "frequency": width}), ())
     assert not Marginal(both).integrated.any()
 
@@ -103,7 +109,8 @@ def test_draws_of_the_factors_are_those_of_their_density(sigma, width):
         log = evaluate(target.posterior, points, len(grid)).log_density
         below = np.cumsum(np.exp(log - log.max()))
         uniform = np.interp(whole[:, place], grid, below / below[-1])
-        assert kstest(uniform, "uniform").pvalue > 1e-3
+        what, source = "draws of a discrepancy factor", "its distribution: SciPy's Kolmogorov-Smirnov"
+        within(kstest(uniform, "uniform").pvalue, 1e-3, 1.0, "inference", what, source)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conformance import agrees, counted
 from fleets import (
     SPREADS,
     GaussianFleet,
@@ -40,8 +41,10 @@ def test_the_joint_model_agrees(six):
     assert_close(ours.share[:, None], theirs["share"][:, None])
     spread = theirs["theta"].std(0)
     assert (np.abs(ours.robot_mean - theirs["theta"].mean(0)) < 0.15 * spread).all()
-    np.testing.assert_allclose(ours.robot_sd, spread, rtol=0.12)
-    np.testing.assert_allclose(ours.off, theirs["off"].mean(0), atol=0.05)
+    what, source = "std. errors of each robot of a fleet", "NumPyro's NUTS on the joint model"
+    agrees(ours.robot_sd, spread, "inference", what, source, rtol=0.12)
+    what, source = "chance that a robot is faulty", "NumPyro's NUTS on the joint model"
+    agrees(ours.off, theirs["off"].mean(0), "inference", what, source, rtol=1e-7, atol=0.05)
 
 
 def assert_close(ours, theirs):
@@ -125,7 +128,8 @@ def test_small_rates(fleets):
     """Spread and mean cover truth, shrinkage pays, faults are found: 12 fleets; the study is benchmarks/fleet.py."""
     covered = np.array([each.covered for each in fleets]).ravel()
     low, high = binom.ppf([0.0005, 0.9995], len(covered), 0.95)
-    assert low <= covered.sum() <= high
+    what, source = "means and spreads of fleets within their intervals", "95 % promised, known fleets"
+    counted(covered.sum(), len(covered), low, high, "verdict rates", what, source, expected=0.95 * len(covered))
     assert sum(each.shrunk_error for each in fleets) < 0.8 * sum(each.own_error for each in fleets)
     assert sum(each.found() for each in fleets) >= 8
     assert sum(each.false_alarms() for each in fleets) <= 2
@@ -150,7 +154,9 @@ def test_a_fault_is_named_and_nothing_else(good):
         found += place in named(faulty, FALSE_ALARM)
         beside += any(r != place[0] for r, _ in named(faulty, FALSE_ALARM))
         by_t.append(t[place[0]].min())
-    assert alarms <= binom.ppf(0.999, count, FALSE_ALARM)
+    most, what = binom.ppf(0.999, count, FALSE_ALARM), "healthy fleets with an alarm"
+    what += ", good data" if good else ", rough data"
+    counted(alarms, count, 0, most, "verdict rates", what, "level promised", expected=FALSE_ALARM * count)
     assert beside <= binom.ppf(0.999, count, FALSE_ALARM)
     assert found >= (28 if good else 16)
     assert found > (np.array(by_t) < np.quantile(tests, 0.05)).sum()
@@ -172,7 +178,8 @@ def test_without_errors_of_data_and_one_parameter_it_is_the_t_test():
     judged = deviations(robots, np.zeros(1), np.ones(1), 0.0)
     others = np.delete(values, 4)
     np.testing.assert_allclose(judged.difference[4], values[4] - others.mean(), rtol=0.01)
-    np.testing.assert_allclose(judged.p[4], leave_one_out_t(values[:, None])[4], rtol=0.35)
+    expected, what = leave_one_out_t(values[:, None])[4], "p-value of a robot that stands out"
+    agrees(judged.p[4], expected, "inference", what, "Student's t, leave one out", rtol=0.35)
     assert judged.named == ()
     judged = deviations(robots, np.zeros(1), np.ones(1))
     assert judged.named == ((4, 0),)

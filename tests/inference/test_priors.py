@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees
 from scipy.integrate import quad
 
 from ident.errors import InputError
@@ -44,9 +45,11 @@ def test_density_integrates_to_one_and_from_uniform_inverts_its_integral(prior):
         ends = [min(edge, x) for edge in edges]
         return sum(quad(density, a, b, epsabs=1e-12)[0] for a, b in pairwise(ends) if b > a)
 
-    assert below(high) == pytest.approx(1, abs=1e-9)
+    what, source = "area of a prior, all forms", "SciPy's quad"
+    agrees(below(high), 1, "inference", what, source, atol=1e-9)
     for u in (0.003, 0.2, 0.5, 0.81, 0.999):
-        assert below(float(parameters.from_uniform(jnp.array([u]))[0])) == pytest.approx(u, abs=1e-8)
+        found, what = below(float(parameters.from_uniform(jnp.array([u]))[0])), "inverse distribution of priors"
+        agrees(found, u, "inference", what, "SciPy's quad", atol=1e-8)
 
 
 @pytest.mark.parametrize("prior", FORMS, ids=str)

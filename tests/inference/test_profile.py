@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from conformance import agrees
 from scipy.optimize import brentq, minimize
 
 from ident.errors import InputError
@@ -90,13 +91,15 @@ def test_of_a_linear_model_profile_covariance_and_closed_form_are_one(straight):
     precision = A.T @ A + np.diag([0.0, 0.0, 1 / PRIOR_SD**2])
     sd = np.sqrt(np.diag(np.linalg.inv(precision)))
     mean = np.linalg.solve(precision, A.T @ np.asarray(found.problem.measured))
-    np.testing.assert_allclose(found.information.sd, sd, rtol=1e-9)
+    what, source = "std. errors of a linear model", "normal equations, NumPy"
+    agrees(found.information.sd, sd, "inference", what, source, rtol=1e-9)
     for one, centre, width in zip(profiles, mean, sd, strict=True):
         for interval in one.intervals:
             half = half_width(interval.level) * width
             assert interval.low == pytest.approx(centre - half, abs=2e-4 * half)
             assert interval.high == pytest.approx(centre + half, abs=2e-4 * half)
-        np.testing.assert_allclose(one.delta_chi_squared, ((one.theta - centre) / width) ** 2, atol=1e-6)
+        expected, what = ((one.theta - centre) / width) ** 2, "profile of a linear model"
+        agrees(one.delta_chi_squared, expected, "inference", what, "parabola", rtol=1e-7, atol=1e-6)
         assert one.converged.all()
         assert one.linear
         assert one.beaten == 0
@@ -122,7 +125,8 @@ def test_names_levels_and_reach_are_chosen_and_checked(straight):
 
 
 def test_thresholds_are_the_quantiles_of_the_tables():
-    assert [threshold(level) for level in (0.6827, 0.95, 0.99)] == pytest.approx([1.0, 3.841, 6.635], rel=1e-3)
+    found, tables = [threshold(level) for level in (0.6827, 0.95, 0.99)], [1.0, 3.841, 6.635]
+    agrees(found, tables, "inference", "thresholds of a profile", "tables of chi-squared", rtol=1e-3)
 
 
 def square(k):
@@ -174,7 +178,8 @@ def test_an_asymmetric_interval_is_the_one_solved_by_hand():
     for interval in one.intervals:
         half = half_width(interval.level)
         assert np.exp(interval.low) == pytest.approx(math.sqrt(4 - half), rel=1e-5)
-        assert np.exp(interval.high) == pytest.approx(math.sqrt(4 + half), rel=1e-5)
+        what, source = "end of an asymmetric interval", "k^2 = y + sigma z, by hand"
+        agrees(np.exp(interval.high), math.sqrt(4 + half), "inference", what, source, rtol=1e-5)
     below, above = one.halves
     assert below > 1.2
     assert above < 0.9
@@ -303,7 +308,8 @@ def test_a_spring_in_series_with_another_is_bounded_below_only():
         assert [interval.endings for interval in one.intervals] == [(CROSSED, OPEN)] * 3
         assert one.flat == (False, True)
         for interval in one.intervals:
-            assert np.exp(interval.low) == pytest.approx(1 / (1 + 0.1 * half_width(interval.level)), rel=1e-4)
+            expected, what = 1 / (1 + 0.1 * half_width(interval.level)), "lower end of springs in series"
+            agrees(np.exp(interval.low), expected, "inference", what, "1 / (1 + sigma z)", rtol=1e-4)
 
 
 def test_a_spring_mass_chain_agrees_with_another_optimiser():
@@ -324,8 +330,9 @@ def test_a_spring_mass_chain_agrees_with_another_optimiser():
 
     one, _ = profile(found)
     top = found.best.cost + threshold(0.95)
-    assert one.widest.low == pytest.approx(brentq(lambda x: least(x) - top, one.optimum - 1, one.optimum), abs=1e-5)
-    assert one.widest.high == pytest.approx(brentq(lambda x: least(x) - top, one.optimum, one.optimum + 1), abs=1e-5)
+    ends = [brentq(lambda x: least(x) - top, *sorted((one.optimum, one.optimum + side))) for side in (-1, 1)]
+    what, source = "profile of a chain of two masses", "SciPy's Nelder-Mead and brentq"
+    agrees([one.widest.low, one.widest.high], ends, "inference", what, source, atol=1e-5)
 
 
 @cache

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from chains import WIDTHS, linear_problem, storey_problem
+from conformance import agrees
 from kills import killed_and_alone
 
 from ident.errors import InputError, ModelError
@@ -89,19 +90,32 @@ def test_density_is_that_of_the_closed_form(linear):
     value = evaluate(target, theta, WALKERS).log_density
     off = theta - mean
     exact = -np.einsum("np,pq,nq->n", off, np.linalg.inv(covariance), off) / 2
-    np.testing.assert_allclose(value - value[0], exact - exact[0], rtol=1e-9)
+    what, source = "posterior density of a linear model", "normal, closed form"
+    agrees(value - value[0], exact - exact[0], "inference", what, source, rtol=1e-9)
 
 
 def test_linear_gaussian_draws_agree_with_the_closed_form(linear, drawn):
     """Means and variances within 4 standard errors, these by the effective sample size."""
     found, _, mean, covariance = linear
-    np.testing.assert_allclose(found.best.theta, mean, rtol=1e-8)
-    np.testing.assert_allclose(found.information.covariance, covariance, rtol=1e-8)
+    source = "normal, closed form"
+    agrees(found.best.theta, mean, "inference", "fit of a linear model with priors", source, rtol=1e-8)
+    agrees(
+        found.information.covariance,
+        covariance,
+        "inference",
+        "covariance of a linear model with priors",
+        source,
+        rtol=1e-8,
+    )
     (diagnosis,) = drawn.diagnosis
     assert diagnosis.enough(4000)
     draws, sd = drawn.draws(), np.sqrt(np.diag(covariance))
-    assert (np.abs(draws.mean(0) - mean) < 4 * sd / np.sqrt(diagnosis.bulk)).all()
-    assert (np.abs(draws.var(0) / sd**2 - 1) < 4 * np.sqrt(2 / diagnosis.tail)).all()
+    error = 4 * sd / np.sqrt(diagnosis.bulk)
+    what = "means of chains, over 4 Monte Carlo errors"
+    agrees(draws.mean(0) / error, mean / error, "inference", what, source, atol=1.0)
+    error = 4 * np.sqrt(2 / diagnosis.tail)
+    what = "variances of chains, over 4 Monte Carlo errors"
+    agrees(draws.var(0) / sd**2 / error, 1 / error, "inference", what, source, atol=1.0)
     correlation = np.corrcoef(draws.T) - covariance / np.outer(sd, sd)
     assert np.abs(correlation).max() < 4 / math.sqrt(diagnosis.bulk.min())
 
@@ -110,7 +124,8 @@ def test_predictions_carry_parameters_and_noise(linear, drawn):
     found, _, _, covariance = linear
     A, predictive = np.asarray(found.problem.model.A) * WIDTHS, posterior_predictive(drawn)
     expected = np.diag(A @ covariance @ A.T)
-    np.testing.assert_allclose(predictive.predicted.var(0), expected, rtol=0.15)
+    what, source = "variance of predictions of a chain", "J P J', closed form"
+    agrees(predictive.predicted.var(0), expected, "inference", what, source, rtol=0.15)
     np.testing.assert_allclose(predictive.simulated.var(0), expected + np.asarray(found.problem.sigma) ** 2, rtol=0.15)
 
 
@@ -129,7 +144,8 @@ def test_an_unknown_noise_scale_is_found():
     assert drawn.posterior.parameters.names == ("m", "noise.x")
     scale = np.exp(drawn.draws()[:, 1])
     about = np.std(np.asarray(problem.measured))
-    assert scale.mean() == pytest.approx(about, rel=0.03)
+    what, source = "scale of the noise, sampled", "std. deviation of 100 values"
+    agrees(scale.mean(), about, "inference", what, source, rtol=0.03)
     assert scale.std() == pytest.approx(about / math.sqrt(200), rel=0.25)
 
 
@@ -179,7 +195,8 @@ def test_solutions_are_weighed_against_each_other(wells):
     density = np.exp(-((((x**2 - 1) ** 2 - 0.04) / 0.04) ** 2 + (x - 0.8) ** 2) / 2)
     exact = np.array([density[np.sign(x) == np.sign(wells.fit.optima[basin].theta[0])].sum() for basin in wells.basins])
     weights = weigh(wells)
-    np.testing.assert_allclose(weights.share, exact / exact.sum(), atol=4 * weights.sd.max())
+    what, source, least = "weights of separated optima", "posterior on a grid", float(4 * weights.sd.max())
+    agrees(weights.share, exact / exact.sum(), "inference", what, source, rtol=1e-7, atol=least)
     assert weights.sd.max() < 0.03
     assert 0.1 < weights.share[0] < 0.99, "else this tests little"
 

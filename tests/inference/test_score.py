@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conformance import agrees, counted
 from scipy.stats import binom, chi2, norm
 
 from ident.inference.fit import fit
@@ -54,8 +55,10 @@ def test_of_a_linear_model_the_score_is_the_amount_that_fits_best_in_its_own_sd(
     whole = fitted(np.column_stack([A, d]), measured, sigma, (*prior, math.inf))
     amount, sd = whole.best.theta[2], whole.information.sd[2]
     assert test.sd == pytest.approx(sd, rel=1e-9)
-    assert test.z * test.sd == pytest.approx(amount, rel=1e-7)
-    assert test.p_value == pytest.approx(2 * norm.sf(abs(amount / sd)), rel=1e-6)
+    what, source = "score of a perturbation", "the fit with it as an unknown"
+    agrees(test.z * test.sd, amount, "inference", what, source, rtol=1e-7)
+    p_value, what = 2 * norm.sf(abs(amount / sd)), "p-value of a perturbation"
+    agrees(test.p_value, p_value, "inference", what, "SciPy's normal distribution", rtol=1e-6)
 
 
 def test_the_shift_is_how_the_fit_moves_where_the_amount_is_modelled(linear):
@@ -169,7 +172,8 @@ def test_of_a_linear_model_a_rows_score_is_what_a_column_for_its_shift_takes_off
             assert not tests.unchecked[i]
             continue
         less, best = least_cost(problem, A, R, (i,))
-        assert tests.z[i] ** 2 == pytest.approx(whole - less, rel=1e-9)
+        what, source = "score of a row that may be off", "normal equations with a column for it"
+        agrees(tests.z[i] ** 2, whole - less, "inference", what, source, rtol=1e-9)
         assert np.sign(tests.z[i]) == -np.sign(best[-1]), "predicted - measured"
         assert tests.chance[i] == pytest.approx(2 * norm.sf(abs(tests.z[i])), rel=1e-9)
     assert tests.tested == COUNT - len(left_out)
@@ -182,7 +186,8 @@ def test_a_vector_is_judged_by_the_chi_squared_of_all_its_components(correlated,
     tests = row_tests(problem, *at_best(problem, A))
     own = [i for i in VECTOR if i not in left_out]
     gain = least_cost(problem, A, R)[0] - least_cost(problem, A, R, own)[0]
-    np.testing.assert_allclose(tests.chance[own], chi2.sf(gain, len(own)), rtol=1e-8)
+    what, source = "chance of a vector that is off", "SciPy's chi-squared of its components"
+    agrees(tests.chance[own], chi2.sf(gain, len(own)), "inference", what, source, rtol=1e-8)
     assert tests.tested == COUNT - len(left_out) - len(own) + 1
     alone = least_cost(problem, A, R)[0] - least_cost(problem, A, R, (0,))[0]
     assert tests.z[0] ** 2 == pytest.approx(alone, rel=1e-9)
@@ -209,13 +214,17 @@ def test_false_alarms_keep_their_level_and_a_wrong_row_is_noticed_as_often_as_it
         return row_tests(problem, errors - basis @ (basis.T @ errors), slope).outliers
 
     alarms = sum(outliers().any() for _ in range(1000))
-    assert binom.ppf(0.0005, 1000, 0.0014) <= alarms <= binom.ppf(0.9995, 1000, 0.0027)
+    band = binom.ppf(0.0005, 1000, 0.0014), binom.ppf(0.9995, 1000, 0.0027)
+    what, source = "right campaigns with a row called wrong", "level promised, 0.14 to 0.27 %"
+    counted(alarms, 1000, *band, "verdict rates", what, source, expected=2.7)
     said = norm.cdf(6 * np.sqrt(1 - h) - farthest(20))
     found = np.array([sum(outliers(i)[i] for _ in range(draws)) for i in range(20)])
-    assert (binom.ppf(2.5e-5, draws, said) <= found).all()
-    assert (found <= binom.ppf(1 - 2.5e-5, draws, said + 0.005)).all(), (
-        "the further limits of Holm's are a little lower"
-    )
+    least, most = binom.ppf(2.5e-5, draws, said), binom.ppf(1 - 2.5e-5, draws, said + 0.005)
+    assert (least <= found).all()
+    assert (found <= most).all(), "the further limits of Holm's are a little lower"
+    what, source = "a row of average leverage, 6 sigma off, noticed", "normal distribution and leverage"
+    i = int(np.abs(h - h.mean()).argmin())
+    counted(found[i], draws, least[i], most[i], "verdict rates", what, source, expected=draws * said[i])
     assert abs(found.mean() / draws - said.mean()) < 0.02
     by_sigma = norm.cdf((6 * (1 - h) - farthest(20)) / np.sqrt(1 - h))
     assert by_sigma.mean() < said.mean() - 0.1, "what residual / sigma would notice"

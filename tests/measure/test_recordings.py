@@ -10,6 +10,7 @@ import lvm_read
 import numpy as np
 import pytest
 import pyuff
+from conformance import agrees
 from hammer_files import FOLDER, generator
 from recording_files import ANSWER, FORCE, LVM, RATE, TIME, dataset, dataset_58, files, hdf5, lvm, tdms, uff
 from scipy.io import savemat, wavfile
@@ -37,7 +38,9 @@ def test_a_universal_file_of_samples(tmp_path, binary):
     (channel,) = read_recording(tmp_path / "a.uff").channels
     assert (channel.name, channel.unit, channel.reference) == ("7:-Z acceleration", "m/s^2", "")
     assert channel.step == pytest.approx(0.005, rel=1e-5)
-    np.testing.assert_allclose(channel.values, [ANSWER, 2 * ANSWER], rtol=1e-11, atol=1e-11)
+    source = f"pyuff, {'58b, binary' if binary else '58, ASCII'}"
+    what, expected = "samples of a universal file", [ANSWER, 2 * ANSWER]
+    agrees(channel.values, expected, "formats", what, source, rtol=1e-11, atol=1e-11, unit="m/s^2")
 
 
 @pytest.mark.parametrize("binary", [0, 1])
@@ -47,7 +50,9 @@ def test_a_universal_file_of_frequency_responses(tmp_path, binary):
     recording = read_recording(tmp_path / "a.unv")
     (channel,) = recording.channels
     assert (channel.name, channel.reference, channel.reference_unit) == ("7:-Z acceleration", "2:+X force", "N")
-    np.testing.assert_allclose(channel.values, [response], rtol=1e-11, atol=1e-11)
+    source = f"pyuff, {'58b, binary' if binary else '58, ASCII'}"
+    what = "frequency responses of a universal file"
+    agrees(channel.values, [response], "formats", what, source, rtol=1e-11, atol=1e-11)
     assert recording.names == ("7:-Z acceleration", "2:+X force")
 
 
@@ -64,8 +69,10 @@ def test_a_universal_file_of_modes_and_nodes(tmp_path):
     recording = read_recording(path)
     assert recording.places == {"7": (0.1, 0.0, 1.0), "9": (0.2, 0.5, 2.0)}
     (shape,) = recording.shapes
-    assert shape.frequency == pytest.approx(abs(-0.5 + 30j) / (2 * np.pi), rel=1e-5)
-    assert shape.damping_ratio == pytest.approx(0.5 / abs(-0.5 + 30j), rel=1e-5)
+    expected, what = abs(-0.5 + 30j) / (2 * np.pi), "frequency of a mode in a universal file"
+    agrees(shape.frequency, expected, "formats", what, "pyuff, 55", rtol=1e-5, unit="Hz")
+    expected, what = 0.5 / abs(-0.5 + 30j), "damping ratio of a mode in a universal file"
+    agrees(shape.damping_ratio, expected, "formats", what, "pyuff, 55", rtol=1e-5)
     assert shape.motion["7:+X"] == pytest.approx(1 + 1j)
     assert shape.motion["9:+Y"] == pytest.approx(3)
 
@@ -533,8 +540,9 @@ def test_matlab_5_vectors_matrices_and_structures(tmp_path, compressed):
     savemat(tmp_path / "a.mat", variables, do_compression=compressed)
     recording = read_recording(tmp_path / "a.mat")
     assert recording.names == ("t", "y:1", "y:2", "hit.force")
-    np.testing.assert_array_equal(values(recording, "y:2").values[0], ANSWER)
-    np.testing.assert_array_equal(values(recording, "hit.force").values[0], FORCE)
+    found, source = values(recording, "y:2").values[0], "SciPy's savemat, version 5"
+    agrees(found, ANSWER, "formats", "a column of a MATLAB matrix", source)
+    agrees(values(recording, "hit.force").values[0], FORCE, "formats", "a field of a MATLAB structure", source)
 
 
 @pytest.mark.parametrize("place", [248, 249])
@@ -595,7 +603,9 @@ def test_complex_arrays_with_their_frequencies_are_frequency_responses(tmp_path,
     assert [(each.name, each.reference) for each in found] == [
         ("H:1", "force:1"), ("H:1", "force:2"), ("H:2", "force:1"), ("H:2", "force:2"),
     ]  # fmt: skip
-    np.testing.assert_allclose([each.values[0] for each in found], np.outer([1, 3, 2, 4], RESPONSE), rtol=1e-12)
+    values, what = [each.values[0] for each in found], "complex arrays with their frequencies"
+    source = {mat_5: "SciPy's savemat, version 5", mat_7_3: "h5py, MATLAB 7.3", plain_hdf5: "h5py"}[write]
+    agrees(values, np.outer([1, 3, 2, 4], RESPONSE), "formats", what, source, rtol=1e-12)
 
 
 @each_array_file
@@ -715,7 +725,7 @@ def test_hdf5(tmp_path):
     recording = read_recording(tmp_path / "a.h5")
     assert recording.names == ("hit/force", "y:1", "y:2")
     assert values(recording, "hit/force").unit == "N"
-    np.testing.assert_array_equal(values(recording, "y:2").values[0], ANSWER)
+    agrees(values(recording, "y:2").values[0], ANSWER, "formats", "a column of an HDF5 data set", "h5py")
 
 
 def test_matlab_7_3_is_hdf5_behind_a_header(tmp_path):
@@ -723,7 +733,8 @@ def test_matlab_7_3_is_hdf5_behind_a_header(tmp_path):
     head = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
     data = (tmp_path / "a.mat").read_bytes()
     (tmp_path / "a.mat").write_bytes(head + data[len(head) :])
-    np.testing.assert_array_equal(values(read_recording(tmp_path / "a.mat"), "y:2").values[0], ANSWER)
+    found = values(read_recording(tmp_path / "a.mat"), "y:2").values[0]
+    agrees(found, ANSWER, "formats", "a column of a MATLAB 7.3 matrix", "h5py behind MATLAB's header")
 
 
 def test_lvm(tmp_path):
@@ -731,7 +742,8 @@ def test_lvm(tmp_path):
     hammer, tip = read_recording(tmp_path / "a.lvm").channels
     assert (hammer.name, hammer.unit, tip.unit, tip.step) == ("hammer", "N", "m/s^2", 0.005)
     np.testing.assert_array_equal(tip.values, [[-0.5, -0.25, 0.125]])
-    np.testing.assert_array_equal(lvm_read.read_str(LVM)[0]["data"][:, 2], tip.values[0])
+    expected = lvm_read.read_str(LVM)[0]["data"][:, 2]
+    agrees(tip.values[0], expected, "formats", "samples of LabVIEW's LVM", "lvm_read", unit="m/s^2")
 
 
 @pytest.mark.parametrize("end", ["lvm", "csv", "uff"])
@@ -855,7 +867,7 @@ def test_tdms(tmp_path):
     hammer, tip = read_recording(tmp_path / "a.tdms").channels
     assert (hammer.name, hammer.unit, hammer.step) == ("hits/hammer", "N", 0.005)
     assert (tip.unit, tip.step) == ("", None)
-    np.testing.assert_array_equal(tip.values[0], ANSWER)
+    agrees(tip.values[0], ANSWER, "formats", "samples of LabVIEW's TDMS", "npTDMS")
 
 
 @pytest.mark.parametrize("kind", ["int16", "int32", "uint8", "float32"])
@@ -866,7 +878,9 @@ def test_wav_is_a_share_of_full_scale(tmp_path, kind):
     wavfile.write(tmp_path / "a.wav", 8000, (share * top + (128 if kind == "uint8" else 0)).astype(kind))
     first, second = read_recording(tmp_path / "a.wav").channels
     assert (first.name, first.unit, first.step) == ("1", "", 1 / 8000)
-    np.testing.assert_allclose([first.values[0], second.values[0]], share.T, atol=1 / top if whole else 1e-7)
+    found, what = [first.values[0], second.values[0]], f"samples of a WAV file, {kind}"
+    least = 1 / top if whole else 1e-7
+    agrees(found, share.T, "formats", what, "SciPy's wavfile", rtol=1e-7, atol=least)
 
 
 def chunk(name, data):

@@ -8,6 +8,7 @@ import zipfile
 import openpyxl
 import pytest
 from arms import DATA
+from conformance import agrees
 
 from ident.errors import InputError
 from ident.measure import read_campaign, read_log, read_trace
@@ -44,6 +45,8 @@ def test_a_sheet_reads_as_its_csv(tmp_path):
     again = read_campaign(sheet(tmp_path / "mine.xlsx", rows, further=["notes"]))
     plain = read_campaign(CAMPAIGN)
     assert again == plain
+    found, expected = ([m.value for m in each] for each in (again, plain))
+    agrees(found, expected, "formats", "a campaign in a spreadsheet", "openpyxl's writer, and the same as CSV")
     assert again.name == "mine"
     assert [m.where.rpartition(":")[2] for m in again] == [m.where.rpartition(":")[2] for m in plain]
     assert again.sha256 != plain.sha256

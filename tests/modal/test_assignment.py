@@ -1,6 +1,7 @@
 """How probable a measured shape is as a computed one, of a batch of computations."""
 
 import numpy as np
+from conformance import agrees
 from scipy.stats import multivariate_normal
 
 from ident.modal.assignment import _log_density, likelihoods
@@ -18,7 +19,9 @@ def test_the_density_is_the_limit_of_a_wide_normal_factor():
     for shape in shapes.T:
         moved = np.kron(np.eye(2), shape[:, None])
         wide.append(multivariate_normal(np.zeros(6), S + width**2 * moved @ moved.T).logpdf(y))
-    assert np.allclose(_log_density(y, S, shapes), np.array(wide) + np.log(2 * np.pi * width**2), atol=1e-5)
+    expected = np.array(wide) + np.log(2 * np.pi * width**2)
+    what, source = "density of a measured shape", "SciPy's multivariate_normal, wide factor"
+    agrees(_log_density(y, S, shapes), expected, "modal", what, source, rtol=1e-5, atol=1e-5)
 
 
 def test_a_batch_is_as_one_at_a_time():

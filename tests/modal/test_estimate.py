@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import DATA
+from conformance import agrees, counted, within
 from known_modes import arm_like, directions, hammer_test
 from scipy.stats import binom, chi2
 from sdypy.EMA import Model
@@ -26,8 +27,9 @@ def test_clean_functions_give_the_modes_to_many_digits():
     rng = np.random.default_rng(0)
     truth = arm_like(rng, inputs=2, close=CLOSE)
     modes = modes_of(hammer_test(truth, rng, noise=1e-3))
-    assert modes.frequency == pytest.approx(truth.frequency[:5], rel=2e-5)
-    assert modes.damping == pytest.approx(truth.damping[:5], rel=1e-3)
+    source = "the structure that made them, noise of 0.1 %"
+    agrees(modes.frequency, truth.frequency[:5], "modal", "frequencies of a hammer test", source, rtol=2e-5, unit="Hz")
+    agrees(modes.damping, truth.damping[:5], "modal", "damping ratios of a hammer test", source, rtol=1e-3)
     overlap = (modes.shape * truth.shape[:, :5]).sum(0) / np.linalg.norm(truth.shape[:, :5], axis=0)
     assert np.abs(overlap) / np.linalg.norm(modes.shape, axis=0) == pytest.approx(np.ones(5), abs=1e-3)
     assert not modes.rejected
@@ -57,9 +59,12 @@ def test_intervals_cover_and_the_joint_covariance_passes(repeated):
     assert [len(modes.frequency) for modes, _ in repeated] == [3] * len(repeated)
     scaled, squared = zip(*(misfit(modes, truth) for modes, truth in repeated), strict=True)
     inside, number = (np.abs(scaled) < 1.96).sum(), np.size(scaled)
-    assert binom.ppf(0.005, number, 0.95) <= inside <= binom.ppf(0.995, number, 0.95)
+    band = binom.ppf(0.005, number, 0.95), binom.ppf(0.995, number, 0.95)
+    what, source = "frequencies and damping ratios within their intervals", "95 % promised, known structures"
+    counted(inside, number, *band, "verdict rates", what, source, expected=0.95 * number)
     low, high = chi2.interval(0.99, 6 * len(repeated))
-    assert low < sum(squared) < high
+    what, source = "squared errors by their joint covariance", "SciPy's chi-squared, 99 % band"
+    within(sum(squared), low, high, "verdict rates", what, source)
 
 
 def test_the_ratio_of_the_jackknife_is_pooled_over_tests(repeated):
@@ -128,8 +133,9 @@ def test_sdypy_finds_the_same_frequencies():
     peer.get_poles(show_progress=False)
     peer.select_closest_poles(list(truth.frequency[:5]), f_window=4)
     modes = modes_of(frf, band=(3.0, 55.0))
-    assert np.array(peer.nat_freq) == pytest.approx(modes.frequency, rel=1e-3)
-    assert np.array(peer.nat_xi) == pytest.approx(modes.damping, rel=0.1)
+    source = "sdypy-EMA, least-squares complex frequency"
+    agrees(modes.frequency, peer.nat_freq, "modal", "frequencies of a hammer test", source, rtol=9.99e-4, unit="Hz")
+    agrees(modes.damping, peer.nat_xi, "modal", "damping ratios of a hammer test", source, rtol=0.09)
     assert modes.frequency == pytest.approx(truth.frequency[:5], rel=1e-4)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conformance import agrees
 
 from ident.modal.frf import ESTIMATORS, Frf, Place, checks, coherence, contributions
 
@@ -23,7 +24,11 @@ def spectra(hits=6, noise=0.0, force_noise=0.0, seed=3):
 def test_without_noise_each_hit_says_the_truth(estimator):
     true, force, answer = spectra()
     force = np.broadcast_to(force, (6, len(LINES)))
-    np.testing.assert_allclose(contributions(force, answer, estimator), np.stack([true] * 6), rtol=1e-12)
+    found, what = (
+        contributions(force, answer, estimator),
+        f"frequency response by {estimator.capitalize()}, without noise",
+    )
+    agrees(found, np.stack([true] * 6), "modal", what, "1 / (9 - f^2 + 0.4 i f)", rtol=1e-12)
     np.testing.assert_allclose(coherence(force, answer), 1.0, rtol=1e-12)
 
 
@@ -32,11 +37,13 @@ def test_the_mean_is_the_estimate_by_its_definition():
     f, x = force[:, None], answer
     h1 = (x * f.conj()).sum(0) / (abs(f) ** 2).sum(0)
     h2 = (abs(x) ** 2).sum(0) / (f * x.conj()).sum(0)
-    np.testing.assert_allclose(contributions(force, answer, "h1").mean(0), h1, rtol=1e-12)
-    np.testing.assert_allclose(contributions(force, answer, "h2").mean(0), h2, rtol=1e-12)
+    one, two = (contributions(force, answer, each).mean(0) for each in ("h1", "h2"))
+    agrees(one, h1, "modal", "estimate H1 with noise", "cross by auto spectrum of the force", rtol=1e-12)
+    agrees(two, h2, "modal", "estimate H2 with noise", "auto by cross spectrum of the response", rtol=1e-12)
     hv = contributions(force, answer, "hv").mean(0)
-    np.testing.assert_allclose(abs(hv), np.sqrt(abs(h1) * abs(h2)), rtol=1e-12)
-    np.testing.assert_allclose(coherence(force, answer), abs(h1) / abs(h2), rtol=1e-12)
+    mean = np.sqrt(abs(h1) * abs(h2))
+    agrees(abs(hv), mean, "modal", "estimate Hv with noise", "geometric mean of H1 and H2", rtol=1e-12)
+    agrees(coherence(force, answer), abs(h1) / abs(h2), "modal", "coherence", "|H1| / |H2|", rtol=1e-12)
 
 
 def test_one_hit_alone_is_a_ratio():
@@ -48,8 +55,8 @@ def test_noise_of_the_force_biases_h1_down_and_h2_not():
     true, force, answer = spectra(hits=400, force_noise=0.5)
     h1, h2 = (abs(contributions(force, answer, each).mean(0) / true).mean() for each in ("h1", "h2"))
     expected = 1 / (1 + 0.25 / np.mean((1 + 0.3 * np.linspace(0, 1, 1000)) ** 2))
-    assert h1 == pytest.approx(expected, abs=0.01)
-    assert h2 == pytest.approx(1.0, abs=0.01)
+    agrees(h1, expected, "modal", "bias of H1 by noise of the force", "1 / (1 + noise / signal)", atol=0.01)
+    agrees(h2, 1.0, "modal", "bias of H2 by noise of the force", "none", atol=0.01)
 
 
 @pytest.mark.parametrize("estimator", ["h1", "hv"])
@@ -63,7 +70,8 @@ def test_the_scatter_of_contributions_is_that_of_the_estimate(estimator):
         means.append(each.mean(0))
         variances.append(each.var(0, ddof=1) / 5)
     ratio = np.var(means, 0, ddof=1).mean() / np.mean(variances)
-    assert ratio == pytest.approx(1.0, abs=0.05), "80 lines x 300: a standard deviation of 1 %"
+    what, source = f"variance of {estimator.capitalize()} by its hits", "300 repeated tests"  # 80 lines x 300: 1 % sd
+    agrees(ratio, 1.0, "modal", what, source, atol=0.05)
 
 
 def frf(hits, responses, references, decay=0.0):
@@ -101,4 +109,5 @@ def test_reciprocity_within_the_scatter_is_good_and_a_wrong_sensitivity_is_not()
     wrong = matrix * np.array([1.0, 1.5])[:, None, None]
     bad = [check for check in checks(frf(wrong + noise, places, places)) if not check.good]
     assert [(check.name, check.places) for check in bad] == [("reciprocity", tuple(places))]
-    assert bad[0].value == pytest.approx(0.5 * 0.3 / np.sqrt(1.5), rel=0.02)
+    what, source = "reciprocity error of a wrong sensitivity", "0.5 x 0.3 / sqrt(1.5), by hand"
+    agrees(bad[0].value, 0.5 * 0.3 / np.sqrt(1.5), "modal", what, source, rtol=0.02)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import pyuff
 from arms import DATA
+from conformance import agrees
 from reports import assert_one_screen
 
 import ident
@@ -119,8 +120,11 @@ def test_modes_of_a_universal_file_are_those_of_their_poles(folder, known):
     result = modal(folder, sigma=SIGMA)
     modes = result.named[0].modes
     assert modes.of == "pole"
-    np.testing.assert_allclose(modes.frequency, known.modes.frequency, rtol=1e-5)
-    np.testing.assert_allclose(modes.damping, known.damping_ratio, rtol=1e-4)
+    source = "pyuff, UFF 55"
+    agrees(
+        modes.frequency, known.modes.frequency, "formats", "frequencies of finished modes", source, rtol=1e-5, unit="Hz"
+    )
+    agrees(modes.damping, known.damping_ratio, "formats", "damping ratios of finished modes", source, rtol=1e-4)
     np.testing.assert_allclose(modes.sigma[0], 0.002 * modes.frequency)
     assert_named(result.named[0].labels, known)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conformance import agrees
 from hammer_files import oscillator
 
 from ident.errors import InputError
@@ -67,7 +68,8 @@ def test_the_frequency_response_lies_on_the_line_of_the_window(window_end):
     expected = truth(frf.decay + 2j * np.pi * frf.frequency)
     left = window_end * np.exp(-RATIO * 2 * np.pi * FREQUENCY * test.duration)
     assert frf.hits.shape == (4, 1, 1, len(frf.frequency))
-    np.testing.assert_allclose(frf.mean[0, 0], expected, rtol=0, atol=(2 * left + 3e-4) * abs(expected).max())
+    what, source = "frequency response by force and response", "s^2 / (m (s^2 + 2 z w s + w^2)), window's line"
+    agrees(frf.mean[0, 0], expected, "modal", what, source, largest=2 * left + 3e-4)
     assert test.coherence.min() > 0.999
 
 
@@ -90,7 +92,8 @@ def test_a_long_record_gives_the_same_as_blocks():
     )
     assert len(long.frf.hits) == 3
     at = 2j * np.pi * long.frf.frequency + long.frf.decay
-    np.testing.assert_allclose(long.frf.mean[0, 0], truth(at), rtol=0, atol=0.02 * abs(truth(at)).max())
+    what, source = "frequency response by a long record", "the oscillator's closed form"
+    agrees(long.frf.mean[0, 0], truth(at), "modal", what, source, largest=0.02)
     assert cut.duration == pytest.approx(long.duration, rel=0.02)
 
 
@@ -135,7 +138,8 @@ def test_a_window_of_the_analyser_counts_for_velocities_too():
         rows, recording(force * faded, velocity * faded, units=("m/s", "N")), Processing(band=(2.0, 30.0))
     )
     expected = truth(test.frf.decay + 2j * np.pi * test.frf.frequency)
-    np.testing.assert_allclose(test.frf.mean[0, 0], expected, rtol=0, atol=0.01 * abs(expected).max())
+    what, source = "frequency response by velocities, analyser's window", "the oscillator's closed form"
+    agrees(test.frf.mean[0, 0], expected, "modal", what, source, largest=0.01)
 
 
 def test_a_window_of_the_analyser_counts_in_the_decay():
@@ -385,7 +389,8 @@ def test_finished_frequency_responses_of_an_analyser():
     response = truth(2j * np.pi * frequency) / (2j * np.pi * frequency) * 1e3
     channel = Channel("z", np.stack([response, 1.01 * response]), "mm/s", 0.25, 0.25, "f", "N")
     (test,) = modal_tests(table(response={"decay": 0.0}), {"a.uff": Recording("a.uff", "", (channel,))})
-    np.testing.assert_allclose(test.frf.hits[0, 0, 0], truth(2j * np.pi * frequency), rtol=1e-9)
+    found, what = test.frf.hits[0, 0, 0], "mobility of an analyser as accelerance"
+    agrees(found, truth(2j * np.pi * frequency), "modal", what, "the oscillator's closed form", rtol=1e-9)
     np.testing.assert_allclose(test.frf.mean[0, 0], 1.005 * truth(2j * np.pi * frequency), rtol=1e-9)
     assert (test.frf.decay, test.duration) == (0.0, 0.0)
     windowed = Recording("a.uff", "", (replace(channel, values=channel.values[:1]),))
@@ -418,7 +423,8 @@ def test_channels_that_start_at_times_of_their_own_are_aligned(late):
     )
     (wrong,) = modal_tests(table(), recording(force, answer), band)
     expected = truth(test.frf.decay + 2j * np.pi * test.frf.frequency)
-    np.testing.assert_allclose(test.frf.mean[0, 0], expected, atol=2e-3 * abs(expected).max())
+    what, source = "frequency response of channels that start apart", "the oscillator's closed form"
+    agrees(test.frf.mean[0, 0], expected, "modal", what, source, rtol=1e-7, largest=2e-3)
     before = truth(wrong.frf.decay + 2j * np.pi * wrong.frf.frequency)
     assert abs(np.angle(wrong.frf.mean[0, 0] / before)).max() > 0.07
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conformance import agrees
 
 from ident.modal.frf import exponential_decay, exponential_window, force_window
 from ident.modal.hammer import find_hits, overload
@@ -64,7 +65,8 @@ def test_overload_by_full_scale_or_by_a_flat_top():
 
 
 def test_windows():
-    assert exponential_decay(10.0, 0.01) == pytest.approx(np.log(100) / 10)
+    what = "decay of an exponential window"
+    agrees(exponential_decay(10.0, 0.01), np.log(100) / 10, "modal", what, "-ln(end) / T", rtol=1e-6, unit="1/s")
     assert exponential_decay(10.0, 0.01, 0.3) == pytest.approx(np.log(100) / 10 - 0.3)
     assert exponential_decay(10.0, 0.01, 2.0) == exponential_decay(10.0, 1.0) == 0.0
     np.testing.assert_allclose(exponential_window(3, 0.5, 2.0), np.exp([0, -1, -2]), rtol=1e-15)

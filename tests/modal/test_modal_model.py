@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
+from conformance import agrees
 
 from ident.modal.poles import EXPONENTS, ModalModel
 
@@ -28,7 +29,8 @@ def test_poles_of_a_chain_with_dampers_make_its_accelerance():
     shape = right * 2j * pole.imag / modal
     model = ModalModel(pole, shape, right, np.zeros((len(EXPONENTS), 3, 3))).normalised()
     direct = np.moveaxis([s**2 * np.linalg.inv(M * s**2 + C * s + K) for s in S], 0, -1)
-    assert model.accelerance(S) == pytest.approx(direct, rel=1e-9)
+    what, source = "accelerance of complex modes", "s^2 (M s^2 + C s + K)^-1, NumPy"
+    agrees(model.accelerance(S), direct, "modal", what, source, rtol=1e-9)
 
 
 @pytest.mark.parametrize("inputs", [1, 2])
@@ -37,7 +39,9 @@ def test_slopes_are_those_of_differences(inputs):
     vector, slopes = model.vector(), model.slopes(S)
     for k, step in enumerate(np.eye(len(vector)) * 1e-5):
         ahead, back = (model.replace(vector + sign * step).accelerance(S) for sign in (1, -1))
-        assert (ahead - back) / 2e-5 == pytest.approx(slopes[k], abs=1e-6 * np.abs(slopes[k]).max())
+        expected, what = (ahead - back) / 2e-5, "slopes of the modal model"
+        allowed = float(1e-6 * np.abs(slopes[k]).max())
+        agrees(slopes[k], expected, "modal", what, "central differences", atol=allowed)
 
 
 def test_a_vector_makes_the_same_model():

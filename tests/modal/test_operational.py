@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ambient_records import RATE, ambient_test, as_record, shaken
+from conformance import agrees, counted
 from scipy.stats import binom
 
 from ident.errors import InputError
@@ -62,7 +63,8 @@ def test_correlation_functions_are_those_of_their_definition(record):
     count = part.shape[1] - 29
     for lag in (0, 1, 17, 29):
         expected = part[:, lag : lag + count] @ part[[0, 4], :count].T / count
-        np.testing.assert_allclose(made.mean[..., lag], expected, rtol=0, atol=1e-12 * abs(expected).max())
+        what, source = "correlation functions of a record", "their definition, products in a loop"
+        agrees(made.mean[..., lag], expected, "modal", what, source, largest=1e-12)
     without = made.samples.sum() - made.samples[1]
     np.testing.assert_allclose(made.without(1), (made.blocks.sum(0) - made.blocks[1]) / without)
     np.testing.assert_allclose(made.joined(2).mean, made.mean)
@@ -79,7 +81,8 @@ def test_exact_correlations_give_the_exact_poles():
     correlation[..., 0] = rng.normal(size=(4, 2))  # lag 0 has noise and is not used
     (found,) = realisations(correlation, 1 / RATE, [6])
     order = np.argsort(np.abs(found.pole))
-    np.testing.assert_allclose(found.pole[order], poles, rtol=1e-6)
+    what, source = "poles by covariance-driven realisation", "R(k) = C A^(k-1) G of a known system"
+    agrees(found.pole[order], poles, "modal", what, source, rtol=1e-6, unit="rad/s")
     mac = np.abs(np.sum(found.unit_shape[:, order].conj() * shapes / np.linalg.norm(shapes, axis=0), axis=0))
     np.testing.assert_allclose(mac, 1, atol=1e-6)
 
@@ -122,8 +125,9 @@ def test_poles_of_an_order_are_those_of_pyoma(arm, record, peer):
     for k in SHARP:
         own = found.pole[np.argmin(np.abs(found.pole - arm.poles[k]))]
         i = np.nanargmin(np.abs(frequency - abs(own) / (2 * np.pi)) + np.abs(damping + own.real / abs(own)))
-        assert frequency[i] == pytest.approx(abs(own) / (2 * np.pi), rel=1e-3)
-        assert damping[i] == pytest.approx(-own.real / abs(own), abs=5e-4)
+        source, hertz = "pyOMA_2, SSI-cov, 30 states", abs(own) / (2 * np.pi)
+        agrees(hertz, frequency[i], "modal", "frequencies of ambient vibration", source, rtol=9.99e-4, unit="Hz")
+        agrees(-own.real / abs(own), damping[i], "modal", "damping of ambient vibration", source, atol=5e-4)
 
 
 @pytest.mark.slow
@@ -137,7 +141,8 @@ def test_frequencies_are_those_of_pyoma_to_a_thousandth(arm, modes, peer):
         at = np.nanargmin(np.where(np.isfinite(apart), apart, np.inf), axis=0)
         each = frequency[at, np.arange(len(at))][best < 0.02]
         assert len(each) >= 15
-        assert np.median(each) == pytest.approx(hertz, rel=1e-3)
+        what, source = "modes of ambient vibration, all orders", "pyOMA_2, SSI-cov, medians"
+        agrees(hertz, np.median(each), "modal", what, source, rtol=9.99e-4, unit="Hz")
 
 
 @pytest.mark.slow
@@ -168,7 +173,8 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
             number += 2
     low, high = binom.interval(0.999, number, 0.95)
     assert number == 72
-    assert low <= inside <= high
+    what, source = "modes of ambient records within their intervals", "95 % promised, known arm"
+    counted(inside, number, low, high, "verdict rates", what, source, expected=0.95 * number)
 
 
 @pytest.mark.slow
@@ -268,7 +274,8 @@ def test_a_line_is_found_and_what_is_left_is_the_record_without_it():
     line = 0.2 * np.sin(2 * np.pi * 7.3712 * np.arange(40000) / RATE + 1)
     left, (found,) = without_harmonics(noise + line, 1 / RATE, [Speed("pump", 7.35)], (1.0, 25.0))
     assert (found.name, found.multiple) == ("pump", 1)
-    assert found.frequency == pytest.approx(7.3712, abs=0.1 / 400)
+    what, source = "a pulley's line in noise", "the sine that was added"
+    agrees(found.frequency, 7.3712, "modal", what, source, atol=0.1 / 400, unit="Hz")
     assert found.share == pytest.approx(0.02, rel=0.2)
     of_fit = np.sqrt(5 / 40000)
     assert (left - noise).std() < 1.5 * of_fit, "five numbers are fitted to 40000 samples of unit variance"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conformance import agrees
 from moving_engines import MujocoMoving
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
@@ -340,7 +341,8 @@ def test_a_body_against_the_imbalance_balances_the_rotor_in_another_engine(drive
         y, zero = 1e-3 * rng.standard_normal(9), np.zeros(9)
         at = [engine.residual(command, y, zero, zero) for engine in (plain, without, corrected, weight, wrong)]
         made, left = np.abs(at[0] - at[1]).max(), np.abs(at[2] - at[3]).max()
-        assert left < 0.02 * made
+        what, source = f"what a correction of {drive} leaves of the imbalance", "MuJoCo, the body on its pulley"
+        agrees(left / made, 0, "balancing", what, source, atol=0.02)
         assert np.abs(at[4] - at[3]).max() > 0.1 * made
 
 
@@ -367,7 +369,9 @@ def test_a_correction_at_another_height_leaves_what_another_engine_leaves():
         theirs.displacement - np.asarray(simulate(arm, motion, loads=no_loads(arm), rate=200.0).quasi_static)[:, :count]
     )
     off = [np.abs(part[:, :count] - vibration).max() for part in after]
-    assert off[0] < 0.02 * np.abs(vibration).max()
+    what, source = "what a correction at another height leaves", "MuJoCo over a whole stroke"
+    theirs = vibration / np.abs(vibration).max()
+    agrees(after[0][:, :count] / np.abs(vibration).max(), theirs, "balancing", what, source, atol=0.02)
     assert off[1] > 0.2 * np.abs(vibration).max()  # almost without the couple
 
 
@@ -379,7 +383,8 @@ def test_two_holes_make_what_is_wanted():
             wanted = complex(*rng.standard_normal(2))
             bodies = pulley.split(wanted)
             assert len(bodies) <= 2
-            assert sum(b.mass * 0.04 * np.exp(1j * b.angle) for b in bodies) == pytest.approx(wanted)
+            made, what = sum(b.mass * 0.04 * np.exp(1j * b.angle) for b in bodies), "two holes of a pulley"
+            agrees(made, wanted, "balancing", what, "sum of m r e^(i angle)", rtol=1e-6)
             for body in bodies:
                 assert body.mass > 0
                 assert np.exp(1j * body.angle) == pytest.approx(
@@ -388,10 +393,14 @@ def test_two_holes_make_what_is_wanted():
 
 
 def test_grades_and_repeatability():
-    assert [grade(x) for x in (0.4, 0.41, 6.3, 4000.0, 4001.0)] == [0.4, 1.0, 6.3, 4000.0, np.inf]
+    found, grades = [grade(x) for x in (0.4, 0.41, 6.3, 4000.0)], [0.4, 1.0, 6.3, 4000.0]
+    agrees(found, grades, "balancing", "balance quality grades", "ISO 21940-11", unit="mm/s")
+    assert grade(4001.0) == np.inf
     mean, sd = repeatability([3.1, -3.1], [0.01, 0.01])  # across 180 degrees
     assert mean == pytest.approx(np.pi - 3.1)
-    assert sd == pytest.approx(np.sqrt(2 * (np.pi - 3.1) ** 2 - 1e-4))  # for two groups of equal errors
+    expected = np.sqrt(2 * (np.pi - 3.1) ** 2 - 1e-4)
+    what, source = "repeatability of a phase across 180 deg", "two groups of equal errors, closed form"
+    agrees(sd, expected, "balancing", what, source, rtol=1e-6, unit="rad")
     assert np.isnan(repeatability([1.0], [0.1])[1])
     assert repeatability([1.0, 1.05], [0.1, 0.1])[1] == 0.0
 
@@ -470,22 +479,25 @@ def polar(*pairs):
     return np.array([size * np.exp(1j * DEGREE * angle) for size, angle in pairs])
 
 
-def printed(values, *pairs, size=5e-3, angle=0.5):
+def printed(values, *pairs, what, source, size=5e-3, angle=0.5):
     """Check sizes and angles [deg] against what a publication has printed, to half of its last digits."""
     expected = polar(*pairs)
-    np.testing.assert_allclose(np.abs(values), np.abs(expected), rtol=0, atol=size)
-    np.testing.assert_allclose(np.degrees(np.angle(values / expected)), 0, atol=angle)
+    agrees(np.abs(values), np.abs(expected), "balancing", f"{what}: sizes", source, atol=size)
+    off = np.degrees(np.angle(values / expected))
+    agrees(off, 0 * off, "balancing", f"{what}: angles, apart", source, atol=angle, unit="deg")
 
 
 def test_influence_coefficients_of_a_published_case():
     """Two planes, as printed in the README of the package hsbalance 0.5."""
     before, weights = polar((170, 112), (53, 78)), np.diag(polar((1.15, 0), (1.15, 0)))
     after = np.array([polar((235, 94), (58, 68)), polar((185, 115), (77, 104))])  # of each trial, at both sensors
+    source = "hsbalance 0.5, example of two planes"
     coefficients = complex_least_squares(weights, after - before)[0].T
-    printed(coefficients[0] / 10, (7.8433, 58.4), (1.534, 145.3), size=6e-4, angle=0.06)
-    printed(coefficients[1], (9.462, 10.2), (32.56, 142.4), angle=0.06)
+    small, what = {"size": 6e-4, "angle": 0.06, "source": source}, "influence coefficients of"
+    printed(coefficients[0] / 10, (7.8433, 58.4), (1.534, 145.3), what=f"{what} sensor 1", **small)
+    printed(coefficients[1], (9.462, 10.2), (32.56, 142.4), what=f"{what} sensor 2", source=source, angle=0.06)
     corrections = complex_least_squares(coefficients, -before[:, None])[0][:, 0]
-    printed(corrections, (1.979, 236.2), (1.071, 121.8), size=6e-4, angle=0.06)
+    printed(corrections, (1.979, 236.2), (1.071, 121.8), what="corrections in two planes", **small)
 
 
 def test_least_squares_of_goodman():
@@ -493,13 +505,16 @@ def test_least_squares_of_goodman():
     coefficients = np.array([[3, -2], [5, -2], [5, -3]], complex)
     before = np.array([[1], [-1], [0]], complex)
     plain, squares = complex_least_squares(coefficients, -before)
-    printed(plain[:, 0], (0.81, 0), (1.48, 0))
+    source = "Goodman 1964, tables 1 and 2"
+    printed(plain[:, 0], (0.81, 0), (1.48, 0), what="corrections by least squares", source=source)
     left = (before + coefficients @ plain)[:, 0]
-    printed(left, (0.476, 0), (0.0952, 0), (0.381, 180), size=5e-4)
-    assert squares[0] == pytest.approx(0.381, abs=5e-4)
+    what = "vibration left by least squares"
+    printed(left, (0.476, 0), (0.0952, 0), (0.381, 180), size=5e-4, what=what, source=source)
+    agrees(squares[0], 0.381, "balancing", "sum of squares left", source, atol=5e-4)
     weighted, _ = complex_least_squares(coefficients, -before, np.diag(np.tile(1 / np.abs(left), 2)))
-    printed(weighted[:, 0], (1.00, 0), (1.80, 0))
-    printed((before + coefficients @ weighted)[:, 0], (0.4, 0), (0.4, 0), (0.4, 180), size=5e-4)
+    printed(weighted[:, 0], (1.00, 0), (1.80, 0), what="corrections, weighted", source=source)
+    left, what = (before + coefficients @ weighted)[:, 0], "vibration left, weighted"
+    printed(left, (0.4, 0), (0.4, 0), (0.4, 180), size=5e-4, what=what, source=source)
 
 
 def test_trial_masses_that_stay_mounted():
@@ -511,8 +526,10 @@ def test_trial_masses_that_stay_mounted():
     masses = np.array([[aft, 0], [aft, forward]])
     coefficients = complex_least_squares(masses, np.array([first - before, both - before]))[0].T
     corrections = complex_least_squares(coefficients, -before[:, None])[0][:, 0]
-    printed(corrections, (15.3, 3), (6.6, 113), size=0.05)
-    printed(before + coefficients @ corrections, (0.08, 138), (0.09, 49), (0.05, 231), (0.05, 166))
+    source = "Feese and Grazier 2004"
+    printed(corrections, (15.3, 3), (6.6, 113), size=0.05, what="corrections of a compressor", source=source)
+    left, what = before + coefficients @ corrections, "vibration left of a compressor"
+    printed(left, (0.08, 138), (0.09, 49), (0.05, 231), (0.05, 166), what=what, source=source)
 
 
 @pytest.mark.parametrize(
@@ -528,15 +545,21 @@ def test_planes_of_darlow(second, third, expected):
     """Darlow, "Identification and elimination of non-independent balance planes", Turbo Expo 1982; three examples."""
     columns = [each for each in ((1 + 1j, 1 + 3j, 2 + 2j, 3 + 1j), second, third) if each]
     before = np.array([[1 + 3j], [3 + 1j], [4 + 1j], [2 + 5j]])
-    printed(complex_least_squares(np.array(columns).T, -before)[0][:, 0], *expected)
+    found = complex_least_squares(np.array(columns).T, -before)[0][:, 0]
+    planes = (
+        "two planes" if third is None else "independent planes" if second[0] == 2 + 1j else "nearly dependent planes"
+    )
+    printed(found, *expected, what=f"corrections in {planes}", source="Darlow 1982")
 
 
 def test_weights_count():
     """Weighted by precision as a mean is: closed form."""
     matrix, values = np.ones((2, 1), complex), np.array([[1.0 + 1j], [3.0 + 2j]])
     x, chi = complex_least_squares(matrix, values, np.diag([1.0, 4.0, 1.0, 4.0]))
-    assert x[0, 0] == pytest.approx((4 * values[0, 0] + values[1, 0]) / 5)
-    assert chi[0] == pytest.approx(abs(values[1, 0] - values[0, 0]) ** 2 / 5)
+    expected, source = (4 * values[0, 0] + values[1, 0]) / 5, "weighted mean, closed form"
+    agrees(x[0, 0], expected, "balancing", "a mass by two sensors", source, rtol=1e-6)
+    expected, what = abs(values[1, 0] - values[0, 0]) ** 2 / 5, "chi-squared of two sensors"
+    agrees(chi[0], expected, "balancing", what, source, rtol=1e-6)
 
 
 def test_the_arm_that_it_is_of_comes_out_of_the_file(result):

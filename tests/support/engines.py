@@ -32,6 +32,11 @@ class Engine(Protocol):
     def end_axes(self, x: np.ndarray) -> np.ndarray: ...
 
 
+def title(engine: type) -> str:
+    """The engine's own name."""
+    return "MuJoCo" if "Mujoco" in engine.__name__ else "Pinocchio"
+
+
 def skew(v: np.ndarray) -> np.ndarray:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 

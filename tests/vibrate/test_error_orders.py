@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA
+from conformance import agrees
 from driven_arms import random_state
 from numpy.polynomial import Polynomial
-from runs import along, off
+from runs import along
 
 from ident.arm.arm import Arm
 from ident.arm.multibody import Command, Multibody, Turning, multibody, pins
@@ -136,7 +137,8 @@ def test_the_fast_method_as_a_sum_over_phases_against_the_exact_method() -> None
     exact = np.asarray(simulate(arm, MOTION, method="exact", rate=RATE).vibration)
     whole = superposition(wavy(), MOTION, phases, rate=RATE)
     # measured: 7.3e-4
-    assert off(whole.at(given), exact) < 1e-3
+    what, source = "errors of several orders, sum over phases", "exact equations"
+    agrees(whole.at(given), exact, "vibration", what, source, largest=1e-3, unit="m")
     assert (np.hypot(whole.cosine, whole.sine).max((1, 2)) > 0.03 * np.abs(exact).max()).all()
     assert whole.of_error.tolist() == [True, False, True]
     np.testing.assert_allclose(whole.division.sum(0), whole.worst, rtol=1e-12)

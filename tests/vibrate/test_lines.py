@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conformance import agrees, counted
 
 from ident.vibrate.lines import refined
 from ident.vibrate.spectra import amplitude_spectrum, peaks
@@ -32,8 +33,11 @@ def test_the_error_is_the_bound_by_the_window(window, wider):
         off.append([line.frequency - frequency, line.amplitude - 2])
         stated.append([line.frequency_sd, line.amplitude_sd])
     bound = np.multiply(wider, [NOISE * np.sqrt(6 / COUNT) / (np.pi * 2 * LENGTH), NOISE * np.sqrt(2 / COUNT)])
-    np.testing.assert_allclose(np.sqrt(np.square(stated).mean(0)), bound, rtol=0.05)
-    assert ((np.abs(off) <= 2 * np.array(stated)).sum(0) >= 90).all()
+    found, what = np.sqrt(np.square(stated).mean(0)), f"standard errors of a line, {window} window"
+    agrees(found, bound, "vibration", what, "Cramer-Rao bound", rtol=0.05)
+    for name, count in zip(("frequency", "amplitude"), (np.abs(off) <= 2 * np.array(stated)).sum(0), strict=True):
+        what = f"{name} of a line within 2 std. errors, {window} window"
+        counted(count, 100, 90, 100, "verdict rates", what, "normal distribution", expected=95.45)
     assert (2 * np.sqrt(np.square(stated).mean(0) / np.square(off).mean(0)) <= 2.5).all()
 
 
@@ -52,8 +56,9 @@ def test_neighbours_do_not_disturb_each_other():
     """Three bins apart, where the parabola through the largest bins is off by more than a tenth of a bin."""
     values = np.sin(2 * np.pi * 5.0 * TIME + 1) + 0.8 * np.sin(2 * np.pi * 5.16 * TIME + 2)
     first, second = lines_of(values, 2)
-    assert (first.frequency, first.amplitude) == pytest.approx((5.0, 1.0), rel=1e-6)
-    assert (second.frequency, second.amplitude) == pytest.approx((5.16, 0.8), rel=1e-6)
+    found = (first.frequency, first.amplitude, second.frequency, second.amplitude)
+    what, source = "two lines three bins apart", "the sines"
+    agrees(found, (5.0, 1.0, 5.16, 0.8), "vibration", what, source, rtol=1e-6)
 
 
 def test_a_line_that_sweeps_has_a_large_error_and_stays_in_its_place():

@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 import peaks
 import pytest
+from conformance import agrees
 from numpy.polynomial import Polynomial
-from runs import along, off
+from runs import along
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
@@ -48,7 +49,8 @@ def shaken(method: str):
 
 def test_the_fast_method_agrees_with_the_exact_equations():
     assert np.abs(shaken("exact").vibration).max() > 1e-3
-    assert off(shaken("fast").vibration, shaken("exact").vibration) < 5e-4
+    fast, exactly = (shaken(method).vibration for method in ("fast", "exact"))
+    agrees(fast, exactly, "vibration", "fast method, one joint", "exact equations", largest=5e-4, unit="m")
 
 
 @pytest.mark.parametrize("method", ["fast", "exact"])
@@ -57,7 +59,9 @@ def test_what_the_gear_errs_at_rest_is_no_vibration_but_a_sensor_has_it_in_its_t
     response = shaken(method)
     (angle,), _ = response.pulley
     moved = np.linalg.norm(response.gear_error, axis=0)
-    np.testing.assert_allclose(moved, 1e-4 * np.abs(np.sin(2 * np.asarray(angle) + 2.0)), atol=1e-7)
+    expected = 1e-4 * np.abs(np.sin(2 * np.asarray(angle) + 2.0))
+    what, source = "what a gear error moves the tip by", "A sin(2 N q + chi) times 1 m"
+    agrees(moved, expected, "vibration", what, source, rtol=1e-7, atol=1e-7, unit="m")
     at_rest = np.linalg.norm(response.vibration, axis=0)[0], np.linalg.norm(response.measured, axis=0)[0]
     assert at_rest == pytest.approx((0.0, moved[0]), abs=5e-6)  # the imbalance's weight is all that is left
     largest, sizes = np.asarray(gear_error(ARM, response.posture)), np.abs(response.gear_error)
@@ -69,14 +73,16 @@ def test_the_exact_method_is_of_sixth_order():
     """Halving the steps divides what the next halving changes by 2^6; steps fine enough would hide wrong stages."""
     ways = [exact.solved(ARM, fast_method(ARM, SWING, None, False, 500.0, 4e-3 / 2**k)).y for k in range(3)]
     first, second = (np.abs(one - other).max() for one, other in pairwise(ways))
-    assert np.log2(first / second) == pytest.approx(6, abs=0.2)
+    order = np.log2(first / second)
+    agrees(order, 6, "vibration", "order of the exact method, one joint", "order of the formula", atol=0.2)
 
 
 def test_the_sum_over_phases_is_the_simulation_with_them(monkeypatch):
     """Its sets are divided between cores."""
     monkeypatch.setattr("ident.vibrate.fast.cores", lambda: 2)
     whole = superposition(ARM, SWING, PHASES, step=2e-3)
-    assert off(whole.at(np.array([0.4, 2.0])), shaken("fast").vibration) < 1e-4
+    what, source = "sum over phases, one joint", "the simulation with them"
+    agrees(whole.at(np.array([0.4, 2.0])), shaken("fast").vibration, "vibration", what, source, largest=1e-4, unit="m")
     peaks = whole.peaks(np.random.default_rng(0).uniform(0, 2 * np.pi, (2, 400)))
     assert (peaks <= whole.worst[:, None]).all()
     assert (peaks.max(1) > 0.99 * whole.worst).all()
@@ -105,7 +111,8 @@ def test_the_quasi_static_deflection_is_that_of_the_chain():
         return deflection(chain, equilibrium(chain))[:, -1]
 
     right = np.asarray(deflected(response.posture[:, some]))
-    assert np.abs(np.asarray(response.quasi_static[:, some]) - right).max() < 1e-6 * np.abs(right).max()
+    what, source = "quasi-static deflection along a motion", "equilibrium of each posture"
+    agrees(response.quasi_static[:, some], right, "vibration", what, source, largest=1e-6, unit="m")
 
 
 def measures(arm: Arm) -> jax.Array:
@@ -148,7 +155,8 @@ def test_gradients():
     measured = (8 * (high - low) - (high2 - low2)) / (12 * CHANGE)
     size = np.abs(measured).max(1, keepdims=True)
     assert (size > 0).all()
-    assert (np.abs(mine - measured) < 1e-5 * size).all()
+    what, source = "slopes of peak and RMS by an arm's numbers", "differences of order 4"
+    agrees(mine / size, measured / size, "vibration", what, source, atol=1e-5)
 
 
 def test_sets_are_single_arms():

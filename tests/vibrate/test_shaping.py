@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees
 from scipy.integrate import solve_ivp
 
 from ident.vibrate.motion import stroke
@@ -22,13 +23,15 @@ RATIOS = np.linspace(0.5, 1.5, 41)
     ],
 )
 def test_residuals_are_the_closed_forms(name, form):
-    np.testing.assert_allclose(EACH[name].residual(5.0 * RATIOS, 5.0), form(RATIOS), atol=1e-12)
+    found, what = EACH[name].residual(5.0 * RATIOS, 5.0), f"residual of the {name} shaper by frequency"
+    agrees(found, form(RATIOS), "vibration", what, "closed form of the literature", rtol=1e-7, atol=1e-12)
 
 
 def test_two_humps_touch_the_tolerated_residual_and_hold_over_a_wider_band():
     left = EACH["2HEI"].residual(np.linspace(0.7, 1.3, 601), 1.0)
     inside = np.abs(np.linspace(0.7, 1.3, 601) - 1) < 0.275
-    assert left[inside].max() == pytest.approx(TOLERATED, rel=0.02)
+    what, source = "two humps of the 2HEI shaper", "tolerated residual"
+    agrees(left[inside].max(), TOLERATED, "vibration", what, source, rtol=0.02)
     assert (EACH["EI"].residual(np.array([0.75, 1.25]), 1.0) > TOLERATED).all()
 
 
@@ -38,7 +41,8 @@ def test_nothing_is_left_of_the_expected_mode(name, damping):
     shaper = next(each for each in shapers(damping) if each.name == name)
     damped = 5.0 * np.sqrt(1 - damping**2)
     assert shaper.amplitudes.sum() == pytest.approx(1.0)
-    assert shaper.residual(5.0, damped, damping) < 1e-12
+    left, what = shaper.residual(5.0, damped, damping), f"what {name} leaves of its own mode"
+    agrees(left, 0, "vibration", what, "nothing, by its design", atol=1e-12)
     assert Shaper("none", np.zeros(1), np.ones(1)).residual(5.0, damped, damping) == pytest.approx(1.0)
 
 
@@ -57,7 +61,8 @@ def test_with_one_frequency_it_is_the_convolution_of_the_literature():
     zvd = EACH["ZVD"]
     time, alpha = shaped(ramp, 1.0, ((zvd, lambda at: np.full_like(at, 4.0)),))
     expected = sum(a * ramp(time - c / 4.0) for a, c in zip(zvd.amplitudes, zvd.cycles, strict=True))
-    np.testing.assert_allclose(alpha, expected, atol=2e-3)
+    what, source = "a shaped command", "convolution with the impulses"
+    agrees(alpha, expected, "vibration", what, source, rtol=1e-7, atol=2e-3)
     assert time[-1] == pytest.approx(1.25, abs=2e-3)
 
 
@@ -96,7 +101,8 @@ def test_the_mean_over_a_window_is_that_of_dense_samples_and_exceeds_no_limit():
     q = np.asarray(motion(fine)[0])
     whole = np.concatenate([np.zeros((3, 1)), np.cumsum((q[:, 1:] + q[:, :-1]) / 2 * 1e-4, 1)], 1)
     expected = (whole[:, 2500:] - whole[:, :-2500]) / window
-    np.testing.assert_allclose(np.asarray(mean(fine[2500:])[0]), expected, atol=1e-7)
+    what, source = "moving average of a command", "mean of dense samples"
+    agrees(mean(fine[2500:])[0], expected, "vibration", what, source, rtol=1e-7, atol=1e-7, unit="rad")
     assert mean.arrival == pytest.approx(motion.arrival + window)
     for own, before in zip(mean(fine)[1:], motion(fine)[1:], strict=True):
         assert (np.abs(np.asarray(own)).max(1) <= np.abs(np.asarray(before)).max(1) * (1 + 1e-9)).all()

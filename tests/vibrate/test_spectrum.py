@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from conformance import agrees
 
 from ident.errors import InputError
 from ident.vibrate.compare import second_derivative
@@ -20,7 +21,8 @@ def sine(frequency, amplitude=A, phase=0.3, time=TIME):
 @pytest.mark.parametrize("window", WINDOWS)
 def test_a_sine_on_a_bin_keeps_its_amplitude(window):
     spectrum = amplitude_spectrum(TIME + 7.0, sine(5.0) + 3.0, window=window)
-    assert spectrum.amplitude[50] == pytest.approx(A, rel=1e-9)
+    what = "amplitude of a sine on a bin, every window"
+    agrees(spectrum.amplitude[50], A, "vibration", what, "the sine", rtol=1e-9, unit="m")
     assert spectrum.frequency[50] == pytest.approx(5.0)
     assert spectrum.amplitude[0] < 1e-9  # the mean of 3.0 is off
 
@@ -30,7 +32,8 @@ def test_a_sine_between_bins_loses_no_more_than_the_scalloping_of_the_window(seg
     length = 2000 if segments == 1 else 800
     spectrum = amplitude_spectrum(TIME, sine(RATE * 30.5 / length), segments=segments)
     loss = -20 * math.log10(spectrum.amplitude.max() / A)
-    assert loss == pytest.approx(1.42, abs=0.01)
+    what, source = "scalloping loss of a Hann window", "Harris 1978"
+    agrees(loss, 1.42, "vibration", what, source, atol=0.01, unit="dB")
 
 
 @pytest.mark.parametrize("off", [0.0, 0.1, 0.25, 0.4, 0.5])
@@ -61,7 +64,8 @@ def test_parseval_for_each_column(count):
     hann = np.hanning(count + 1)[:-1]
     centred = (noise - noise.mean(axis=0)) * hann[:, None] / np.sqrt(np.mean(hann**2))
     rms = band_rms(amplitude_spectrum(TIME[:count], noise), 0.0, 1e9)
-    np.testing.assert_allclose(rms, np.sqrt(np.mean(centred**2, axis=0)), rtol=1e-12)
+    expected, what = np.sqrt(np.mean(centred**2, axis=0)), "RMS of a spectrum over all bins"
+    agrees(rms, expected, "vibration", what, "Parseval, in time", rtol=1e-12)
 
 
 def test_adjacent_bands_add_up_and_a_sine_is_in_its_own():
@@ -80,9 +84,11 @@ def test_averaging_steadies_noise_as_welch_says(segments):
     assert spectrum.segments == segments
     power = spectrum.power[2:-2]
     expected = (1 + 2 / 36 * (segments - 1) / segments) / segments
-    assert np.var(power) / np.mean(power) ** 2 == pytest.approx(expected, rel=0.04)
+    found, source = np.var(power) / np.mean(power) ** 2, "Welch 1967, (1 + 2 c (K-1)/K) / K"
+    agrees(found, expected, "vibration", "variance of an averaged spectrum", source, rtol=0.04)
     # density: 2 sigma^2 / rate, whatever the segments
-    assert np.mean(power) / spectrum.bandwidth == pytest.approx(2 / RATE, rel=0.01)
+    density, what = np.mean(power) / spectrum.bandwidth, "density of white noise"
+    agrees(density, 2 / RATE, "vibration", what, "2 sigma^2 / rate", rtol=0.01, unit="1/Hz")
 
 
 def test_the_line_for_the_figure():
@@ -112,7 +118,8 @@ def test_spectrogram_keeps_amplitude_and_time(seconds):
     row = int(np.argmin(np.abs(result.frequency - 8.0)))
     assert result.amplitude.shape == (len(result.frequency), len(result.time), 2)
     # a linear growth stands at its value in the middle of the segment
-    np.testing.assert_allclose(result.amplitude[row, :, 0], A * (result.time - 3.0), rtol=0.01)
+    expected, what = A * (result.time - 3.0), "a sine that grows, in a spectrogram"
+    agrees(result.amplitude[row, :, 0], expected, "vibration", what, "middle of each segment", rtol=0.01, unit="m")
     np.testing.assert_allclose(result.column(1).amplitude[row], A, rtol=0.005)
     assert result.column(1).amplitude[0].max() < 0.01 * A  # the mean is off
     assert result.time[0] - seconds / 2 >= 3.0 - 1 / RATE
@@ -124,9 +131,12 @@ def test_second_derivative_against_closed_form():
     w, v = 2 * np.pi * 3.0, 2 * np.pi * 7.3
     values = np.stack([np.cos(w * TIME + 1) + 0.2 * np.sin(v * TIME) + 1 + TIME, TIME**3], axis=1)
     exact = np.stack([-(w**2) * np.cos(w * TIME + 1) - 0.2 * v**2 * np.sin(v * TIME), 6 * TIME], axis=1)
-    error = np.abs(second_derivative(TIME, values) - exact) / np.abs(exact).max(axis=0)
+    size = np.abs(exact).max(axis=0)
+    found, exact = second_derivative(TIME, values) / size, exact / size
+    error = np.abs(found - exact)
     assert error.max() < 0.01
-    assert error[20:-20].max() < 1e-5
+    what = "second derivative of a trace, over its peak"
+    agrees(found[20:-20], exact[20:-20], "vibration", what, "closed form", atol=1e-5)
     assert error[:, 1].max() < 1e-6
 
 

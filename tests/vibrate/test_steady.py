@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees
 from moving_engines import left_jacobian, skew
 from numpy.polynomial import Polynomial
 from runs import about, along, scaled, short
@@ -31,6 +32,7 @@ RATIO = 1e8
 MASS, REACH, HEIGHT, PHASE, ROTOR = 0.5, 1e-4, 0.05, 0.3, 0.02
 PLACES = range(5)
 """See `frequency`."""
+PLACED = ("below mode 1", "at mode 1", "between modes", "at mode 2", "above mode 2")
 LAST = 1.0
 """Seconds from whose samples amplitude and phase are found."""
 
@@ -137,8 +139,10 @@ def test_fast(place: int) -> None:
     motion = spinning(frequency(place))
     response = short(shaken(), motion)
     time = np.asarray(response.time)
+    tip, source = fitted(time, np.asarray(response.displacement), motion), "(H - w^2 M + i w (C + G))^-1 F"
     assert off(fitted(time, np.asarray(response.y), motion), closed(place).y) < 1e-3
-    assert off(fitted(time, np.asarray(response.displacement), motion), closed(place).tip) < 1e-3
+    what = f"steady vibration by an imbalance {PLACED[place]}, fast"
+    agrees(tip, closed(place).tip, "vibration", what, source, largest=1e-3, unit="m")
 
 
 def test_exact() -> None:
@@ -149,7 +153,9 @@ def test_exact() -> None:
     start = rest + now.real, (1j * w * now).real
     method = partial(fast_method, shaken(), motion, None, False, 250.0)
     found = exact.integrate(shaken(), motion, method, step_for(shaken(), motion), start).y[:, :751]
-    assert off(fitted(np.arange(751) / 250, found, motion), right) < 1e-3
+    amplitude, source = fitted(np.arange(751) / 250, found, motion), "(H - w^2 M + i w (C + G))^-1 F"
+    what = f"steady vibration by an imbalance {PLACED[1]}, exact"
+    agrees(amplitude, right, "vibration", what, source, largest=1e-3, unit="rad")
 
 
 def test_resonance_is_there() -> None:

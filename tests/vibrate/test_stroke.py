@@ -5,6 +5,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from conformance import agrees
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ruckig import Result
@@ -86,7 +87,8 @@ def test_limits_are_kept_and_one_is_reached(profile, distance, speed, accelerati
 def test_the_trapezoid_is_the_textbooks():
     path = path_with(folded=0.0, unfolded=2.0, speed=1.0, acceleration=2.0, jerk=1e-3)
     motion = stroke(path, profile="trapezoid")
-    np.testing.assert_allclose(motion.breaks, [0.0, 0.5, 2.0, 2.5], rtol=1e-12)
+    what, expected = "times of a trapezoidal stroke", [0.0, 0.5, 2.0, 2.5]
+    agrees(motion.breaks, expected, "vibration", what, "textbook, v / a", rtol=1e-12, unit="s")
     np.testing.assert_allclose(motion(np.array([0.25, 1.0, 2.25]))[2][0], [2.0, 0.0, -2.0], atol=1e-12)
     np.testing.assert_allclose(motion(np.array([0.5, 1.0, 2.0]))[0][0], [0.25, 0.75, 1.75], rtol=1e-12)
 
@@ -95,7 +97,8 @@ def test_the_s_curve_is_the_textbooks():
     """With all three limits reached, T = D/v + v/a + a/j."""
     motion = stroke(PATH)
     expected = 1.4 / 1.2 + 1.2 / 4.0 + 4.0 / 30.0
-    assert float(motion.duration) == pytest.approx(expected, rel=1e-12)
+    what, source = "duration of an s-curve", "textbook, D/v + v/a + a/j"
+    agrees(motion.duration, expected, "vibration", what, source, rtol=1e-12, unit="s")
     np.testing.assert_allclose(peaks(motion), [1.2, 4.0, 30.0], rtol=1e-9)
 
 
@@ -112,7 +115,8 @@ def test_the_cycloid_is_the_textbooks_to_the_last_digits():
     s = np.linspace(0, 1, 4001)[:-1]
     q, qd, qdd = (np.asarray(state[0]) for state in motion(s * T))
     turn = 2 * np.pi * s
-    np.testing.assert_allclose(q, s - np.sin(turn) / (2 * np.pi), rtol=0, atol=1e-14)
+    expected, what = s - np.sin(turn) / (2 * np.pi), "way of a cycloid"
+    agrees(q, expected, "vibration", what, "textbook, s - sin(2 pi s) / (2 pi)", atol=1e-14)
     np.testing.assert_allclose(qd * T, 1 - np.cos(turn), rtol=0, atol=1e-13)
     np.testing.assert_allclose(qdd * T**2, 2 * np.pi * np.sin(turn), rtol=0, atol=1e-12)
     assert len(motion.coefficients) <= 14
@@ -124,7 +128,8 @@ def test_the_cycloid_is_the_textbooks_to_the_last_digits():
 )
 def test_each_limit_can_set_the_cycloids_duration(limits, touched):
     order = 1 + int(np.argmin(limits))
-    assert cycloid_duration(3.0, limits) == pytest.approx((3.0 * touched) ** (1 / order), rel=1e-8)
+    found, what = cycloid_duration(3.0, limits), "duration of a cycloid by each limit"
+    agrees(found, (3.0 * touched) ** (1 / order), "vibration", what, "closed form", rtol=1e-8, unit="s")
 
 
 def test_minimum_jerk_has_the_least_integral_of_the_jerk_squared():
@@ -139,7 +144,8 @@ def test_minimum_jerk_has_the_least_integral_of_the_jerk_squared():
     motion = stroke(path_with(folded=0.0, unfolded=1.0), profile="minimum-jerk")
     T = motion.arrival
     assert pytest.approx(max(1.875 / 1.2, (10 / np.sqrt(3) / 4.0) ** 0.5, (60 / 30.0) ** (1 / 3))) == T
-    assert integral(motion) == pytest.approx(720 / T**5, rel=1e-6)
+    what, source = "integral of the squared jerk", "Flash and Hogan 1985, 720 D^2 / T^5"
+    agrees(integral(motion), 720 / T**5, "vibration", what, source, rtol=1e-6)
     for profile in ("s-curve", "cycloid"):
         other = stroke(path_with(folded=0.0, unfolded=1.0), profile=profile)
         assert integral(other) * other.arrival**5 > 720 * 1.05

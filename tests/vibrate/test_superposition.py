@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from arms import first_guess_arm, lcd_arm
+from conformance import agrees
 from runs import SAMPLES, STEPS, off, scaled, short, swing, with_error
 
 from ident.arm.arm import Arm
@@ -63,7 +64,8 @@ def test_no_phases_exceed_the_worst_and_some_come_near() -> None:
     np.testing.assert_allclose(whole.division.sum(0), whole.worst, rtol=1e-12)
     worst = np.array([whole.worst_phases()[path] for path in whole.unknown])
     assert np.abs(whole.at(worst)).max() == pytest.approx(whole.worst.max(), rel=1e-9)
-    assert off(whole.at(worst), short(with_phases(wavy(), whole, worst), SWING).vibration) < 3e-4
+    alone, what = short(with_phases(wavy(), whole, worst), SWING).vibration, "sum over phases, at the worst ones"
+    agrees(whole.at(worst), alone, "vibration", what, "the simulation with them", largest=3e-4, unit="m")
 
 
 @pytest.mark.slow
@@ -78,7 +80,8 @@ def test_what_is_left_out_is_of_second_order() -> None:
         assert off(whole.at(phases), alone) < 3e-4
         return float(np.abs(whole.at(phases) - alone).max())
 
-    assert left_out(0.1) == pytest.approx(left_out(1.0) / 100, rel=0.05)
+    what, source = "what the sum over phases leaves out", "second order: a hundredth of a tenth's"
+    agrees(left_out(0.1), left_out(1.0) / 100, "vibration", what, source, rtol=0.05, unit="m")
 
 
 @cache
@@ -127,7 +130,8 @@ def test_a_sum_of_functions_that_are_sums() -> None:
         part[..., None] * turn for part, turn in ((b, np.cos(x)), (c, np.sin(x)), (d, np.cos(y)), (e, np.sin(y)))
     )
     for part, expected in zip(parts_of(members), (a, [b, d], [c, e]), strict=True):
-        np.testing.assert_allclose(part, expected, atol=1e-12)
+        what, source = "parts of a sum over phases", "a + b cos x + c sin x + ..."
+        agrees(part, expected, "vibration", what, source, rtol=1e-7, atol=1e-12)
     assert members.shape[-1] == 5
     assert sets_of(()) == [{}]
 
@@ -157,4 +161,5 @@ def test_kinematic_errors_by_the_exact_equations() -> None:
     arm, motion, whole = slowly(lcd_arm())
     assert 1e3 * whole.worst.max() == pytest.approx(1.6041, rel=1e-3)
     exact = simulate(arm.replace(whole.worst_phases()), motion, method="exact")
-    assert 1e3 * np.abs(np.asarray(exact.measured)).max() == pytest.approx(1.6041, rel=1e-3)
+    found, what = 1e3 * np.abs(np.asarray(exact.measured)).max(), "6 arc seconds at the worst phases, exact equations"
+    agrees(found, 1.6041, "vibration", what, "sum over phases, docs/paper.md", rtol=1e-3, unit="mm")

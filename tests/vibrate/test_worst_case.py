@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from arms import lcd_arm
+from conformance import agrees
 from runs import named
 
 from ident.arm.chain import no_loads
@@ -64,7 +65,9 @@ def test_slopes_over_phases_are_those_of_differences(measure: str) -> None:
     ahead, behind = (own.slopes(np.array([sign * h]))[0] for sign in (1, -1))
     differences = (ahead - behind)[..., 0] / (2 * h)
     loud = parts[..., 0] > 0.5 * parts.max(1)  # elsewhere a window's largest sample may change its place
-    assert np.abs(slopes[0, ..., 0] - differences)[loud].max() < 1e-6 * np.abs(slopes).max()
+    allowed, what = float(1e-6 * np.abs(slopes).max()), f"slopes of the {measure} over phases"
+    found = slopes[0, ..., 0][loud]
+    agrees(found, differences[loud], "vibration", what, "central differences", atol=allowed)
 
 
 def test_a_first_search_keeps_the_phases_that_are_worst_at_present() -> None:
