@@ -151,7 +151,8 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int, amplitude:
     lost = np.array([apart for _, apart in ones]).max(0) > LOST
     modes, outputs = len(diagram.chosen), len(test.responses)
     shape = whole[:, 2 : 2 + outputs] + 1j * whole[:, 2 + outputs :]
-    poles, trend, beyond = whole[:, :2].T, None, 0.0
+    poles, beyond = whole[:, :2].T, np.zeros(2 * modes)
+    trend: AmplitudeTrend | None = None
     if test.decays:
         trend = _trend(test, poles, shape.T)
         seen = trend.seen(poles)
@@ -164,7 +165,7 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int, amplitude:
             poles = poles + trend.change(poles, at) * (seen != 0)
     covariance = _covariance(vectors, 2 * modes, 2 * outputs)
     covariance[np.diag_indices(2 * modes)] += beyond
-    return Tracked(*poles, shape.T, covariance, test.responses, test.band, lost, trend)
+    return Tracked(poles[0], poles[1], shape.T, covariance, test.responses, test.band, lost, trend)
 
 
 def _trend(test: AmbientTest, poles: Float[np.ndarray, "2 m"], shape: Complex[np.ndarray, "O m"]) -> AmplitudeTrend:
@@ -403,10 +404,10 @@ def _of_amplitude(found: Tracked, amplitude: float | None) -> Iterator[str]:
         return
     high, early, late = 1e3 * found.trend.amplitude  # [mm]
     if amplitude is not None:
-        for i in np.flatnonzero((high < 1e3 * amplitude) | (late > 1e3 * amplitude)):
-            span, how = f"{late[i]:.2g} to {high[i]:.2g} mm", "harder" if high[i] < 1e3 * amplitude else "more softly"
-            mode = f"the mode at {found.frequency[i]:.4g} Hz"
-            yield f"{mode} was measured at {span}, not at {1e3 * amplitude:.3g} mm: tap {how}"
+        met = (late <= 1e3 * amplitude) & (high >= 1e3 * amplitude)
+        others = ", ".join(f"{hertz:.4g}" for hertz in found.frequency[~met])
+        rest = f"; those at {others} Hz are given at the nearest one measured" * bool(others)
+        yield f"{met.sum()} of {len(met)} modes were measured at the amplitude at work, {1e3 * amplitude:.3g} mm{rest}"
         return
     poles = np.array([found.frequency, found.damping])
     at = [poles + found.trend.change(poles, each / 1e3) for each in (early, late)]

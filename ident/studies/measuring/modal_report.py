@@ -124,7 +124,9 @@ def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[Iden
         decays = f"{fewest.decays:.1f} decay times of the slowest mode (at least {DECAYS:g} needed)"
         parts.append(f"each of {fewest.blocks} blocks has {decays}")
     if taps:
-        parts.append(f"{min(taps)} taps or more tell the std. errors at each posture (at least {FEW_TAPS} needed)")
+        parts.append(
+            f"std. errors by the scatter of {min(taps)} taps at a posture or more (at least {FEW_TAPS} needed)"
+        )
     if not parts:
         unchecked = "no driving point and no reciprocal pair were measured" if tests else "no recordings, only modes"
         return Verdict("NOT CHECKED", f"There is nothing to check the modes by: {unchecked}.", "caution")
