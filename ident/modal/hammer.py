@@ -102,7 +102,8 @@ def _of_record(force: np.ndarray, step: float, rest: float) -> Iterator[Hit]:
         starts += [begin] if not starts or (begin - last) * step >= rest else []
         last = end
     for begin, until in pairwise([*starts, len(force)]):
-        yield _hit(0, (begin, until), force[begin:until], noise)
+        before = math.ceil(rest / step / 2) if until < len(force) else 0  # the next hit's filter rings ahead of it
+        yield _hit(0, (begin, until), force[begin : until - before], noise)
 
 
 def _hit(block: int, span: tuple[int, int], near: np.ndarray, noise: float) -> Hit:

@@ -483,7 +483,7 @@ def test_a_file_of_nodes_passes_unless_it_alone_is_named():
 
 
 def test_double_hits_of_different_gaps_tell_as_much_as_single_ones():
-    """Five of each with the same noise of the sensors, that of the force 3e-5 of its peak: poles and intervals are alike."""
+    """Five of each, the same noise, that of the force 3e-5 of its peak: poles and intervals are alike."""
     found = []
     for rebounds in (np.zeros(5), np.linspace(0.2, 0.45, 5)):
         force, answer = blocks(5, noise=0.0)
