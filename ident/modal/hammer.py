@@ -1,5 +1,6 @@
 """From hits to frequency responses: the tests of a channel table, one for each posture and load."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
