@@ -132,7 +132,7 @@ REACHES = {
     "fit": 24_200,
     "simulate": 20_900,
     "sample": 26_600,
-    "modal": 21_100,
+    "modal": 21_500,
     "sweep": 21_000,
     "motion": 24_400,
     "plan": 25_900,

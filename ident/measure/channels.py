@@ -27,6 +27,8 @@ FORCE, RESPONSE, REFERENCE, TIME, IGNORED = "force", "response", "reference", "t
 ROLES = (FORCE, RESPONSE, REFERENCE, TIME, IGNORED)
 """Roles of a channel: the force, a response to it, the reference response of a test without force (all others are
 correlated with it), the times of the samples, or ignored."""
+AMBIENT, TAP, RELEASE = EXCITATIONS = "ambient", "tap", "release"
+"""What moves the arm in a test without force: its surroundings, taps, or releases after a pull."""
 _MOTION = ("acceleration", "velocity", "length")
 QUANTITIES = {FORCE: ("force",), RESPONSE: _MOTION, REFERENCE: _MOTION, TIME: ("time",)}
 """Quantities that a channel of each role may measure; a length is a displacement."""
@@ -115,6 +117,7 @@ class ChannelRow(RecordedChannel):
         decay: [1/s] of the exponential window that the analyser has applied to the response.
         drives: state of the drives.
         harmonics: turning parts and their speeds during a test without force.
+        excitation: one of `EXCITATIONS`, of a test without force; empty to judge by the length of the record.
     """
 
     role: str
@@ -128,6 +131,7 @@ class ChannelRow(RecordedChannel):
     decay: float = 0.0
     drives: str = DRIVE_STATES[0]
     harmonics: tuple[Speed, ...] = ()
+    excitation: str = ""
 
     @property
     def counts(self) -> bool:
@@ -176,7 +180,8 @@ DETAILS = (
 )
 """Rules of the further columns of a row with a role."""
 DRIVES, HARMONICS = Rule("drives", WORDS["drives"], DRIVE_STATES[0]), Rule("harmonics", parse_speeds)
-RULES = (*NAMED, *DETAILS, DRIVES, HARMONICS, Rule("note"))
+EXCITATION = Rule("excitation", Word(EXCITATIONS), "")
+RULES = (*NAMED, *DETAILS, DRIVES, HARMONICS, EXCITATION, Rule("note"))
 COLUMNS = tuple(rule.name for rule in RULES)
 """Names of the columns other than the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
 
@@ -218,7 +223,7 @@ def _channel(row: Row) -> ChannelRow | None:
     if said["role"] == IGNORED:
         return None if row.problems else ChannelRow(where=row.where, posture=(), **said)
     posture = row.posture if role != TIME else ()
-    said |= row.values((*DETAILS, HARMONICS))
+    said |= row.values((*DETAILS, HARMONICS, EXCITATION))
     said["sensitivity"], own = said["sensitivity"] or (None, None)
     if own is not None and said["unit"] not in ("", own):
         remedy = "leave the cell `unit` empty, or write the same one"

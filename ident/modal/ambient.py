@@ -13,16 +13,21 @@ from scipy.signal import csd, detrend, resample_poly
 from scipy.special import chdtri
 
 from ident.errors import Problem, noted, refuse, require
-from ident.measure.channels import ChannelTable
+from ident.measure.channels import AMBIENT, RELEASE, TAP, ChannelTable
 from ident.measure.recordings import Recording
 from ident.measure.speeds import Speed
 from ident.modal.frf import HeldArm, ModalTest, Place, Processing
 from ident.modal.hammer import ANTI_ALIAS, MAINS, modal_tests, overload
 from ident.modal.recorded import Record, ambient_files, records
+from ident.modal.taps import free_decays, innovations
 from ident.text import by_key, one_line, quoted
 
 # -------- Correlations
 # Correlation functions of responses, block by block: a sufficient summary of an ambient record.
+
+
+FIRST_PART, PARTS = 6, 3
+"""Samples of the first part of a free decay, and how many times longer it is with each further one."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +86,59 @@ def correlations_of(
         usable = record.shape[1] - lags + 1
         edges = np.linspace(0, usable, max(usable // length, 1) + 1).astype(int)
         for start, end in pairwise(edges.tolist()):
-            count = next_fast_len(end - start + lags - 1, real=True)
-            ahead = rfft(record[:, start : end + lags - 1], count)
-            here = rfft(record[list(references), start:end], count)
-            blocks.append(irfft(ahead[:, None] * here.conj()[None], count)[..., :lags])
+            blocks.append(_correlated(record, references, (start, end), lags))
             samples.append(float(end - start))
     return Correlations(step, np.array(blocks), np.array(samples))
+
+
+def _correlated(
+    record: Float[np.ndarray, "O T"], references: Sequence[int], span: tuple[int, int], lags: int
+) -> Float[np.ndarray, "O R K"]:
+    """Return the sum over t within a span of y(t + k) y_ref(t)'."""
+    start, end = span
+    if start >= end:
+        return np.zeros((len(record), len(references), lags))
+    count = next_fast_len(end - start + lags - 1, real=True)
+    ahead = rfft(record[:, start : end + lags - 1], count)
+    here = rfft(record[list(references), start:end], count)
+    product: np.ndarray = irfft(ahead[:, None] * here.conj()[None], count)[..., :lags]
+    return product
+
+
+def decay_correlations(
+    decays: Sequence[Float[np.ndarray, "O _"]], references: Sequence[int], step: float, lags: int
+) -> Correlations:
+    """Return the correlation functions of free decays, one block for each, references once for each part of a decay.
+
+    In a free decay y(t + k) = C A^k x(t), so that the sum over any times t of y(t + k) y_ref(t)' is C A^k G. It adds
+    over taps of any sign, place and strength. Parts of a decay count separately, `PARTS` times as long as the one
+    before: fast modes are in the first ones, without the noise of the later ones. Each function is in units of the
+    root energy of its reference, so that all have the same noise.
+
+    Args:
+        decays: of the same channels, in standard deviations of their noise.
+        references: (R,) indices of the reference responses.
+        step: [s] between samples.
+        lags: K.
+
+    References:
+        Ibrahim, Mikulcik, "A method for the direct identification of vibration parameters from the free response",
+        Shock and Vibration Bulletin 47, 1977. Juang, Cooper, Wright, "An eigensystem realization algorithm using data
+        correlations", Control Theory and Advanced Technology 4, 1988.
+    """
+    usable = [decay.shape[1] - lags + 1 for decay in decays]
+    edges = [0, FIRST_PART]
+    while edges[-1] < max(usable):
+        edges.append(PARTS * edges[-1])
+    spans = [[(a, min(b, last)) for a, b in pairwise(edges)] for last in usable]
+    sums = np.array(
+        [[_correlated(decay, references, span, lags) for span in own] for decay, own in zip(decays, spans, strict=True)]
+    )  # (B, P, O, R, K)
+    own = np.arange(len(references))
+    energy = sums[:, :, list(references), own, 0].sum(0)  # (P, R)
+    weighed = sums / np.sqrt(np.where(energy > 0, energy, 1.0))[:, None, :, None]
+    samples = [max(end - start, 0.0) for own in spans for start, end in own]
+    return Correlations(step, weighed.reshape(-1, *sums.shape[2:]), np.array(samples, float))
 
 
 # -------- Harmonics
@@ -242,12 +294,12 @@ class SpectralDensity:
 
 @dataclass(frozen=True)
 class AmbientTest(HeldArm):
-    """Ambient test at one posture under one load, without a measured force.
+    """Test at one posture under one load without a measured force: ambient, or with taps or releases.
 
     Attributes:
         responses: (O,) point and direction of each response.
         references: indices of the reference responses.
-        scale: (O,) [SI] divisor of each response: its standard deviation.
+        scale: (O,) [SI] divisor of each response: its standard deviation, with taps that of its noise.
         order: (O,) number of differentiations of each to an acceleration.
         band: [Hz] of the search for modes.
         correlations: of the scaled responses, without harmonics.
@@ -255,6 +307,8 @@ class AmbientTest(HeldArm):
         speeds: turning parts and their speeds.
         harmonics: removed lines.
         remarks: other remarks for the report.
+        decays: the scaled responses after each tap or release; none in an ambient test.
+        decay: [1/s] that a window of the analyser adds to each of them.
     """
 
     responses: tuple[Place, ...]
@@ -267,6 +321,8 @@ class AmbientTest(HeldArm):
     speeds: tuple[Speed, ...]
     harmonics: tuple[Harmonic, ...]
     remarks: tuple[str, ...]
+    decays: tuple[Float[np.ndarray, "O _"], ...] = ()
+    decay: float = 0.0
 
 
 # -------- Ambient
@@ -283,6 +339,19 @@ FEWEST = 20
 """Least length of a record, in blocks of twice the lags."""
 SEGMENTS = 40
 """Number of averaged segments of a record, with an overlap of half their length."""
+FEWEST_TAPS = 2
+"""Fewest free decays of a test."""
+TAP_ROWS = 36
+"""The same for taps: fast modes have died away after more lags, and noise is left."""
+SHORTEST = 3 * TAP_ROWS
+"""Fewest samples of a free decay: the lags, and half as many to sum over."""
+
+
+APART = (
+    "WARNING: sensors of other files of this posture have no common shape with these: without a force, files are not "
+    "joined (clocks of their own, a roving sensor); each is named by itself: record all sensors together"
+)
+"""Remark on files of one posture with other responses."""
 
 
 def ambient_tests(records: Sequence[Record], processing: Processing) -> tuple[AmbientTest, ...]:
@@ -291,7 +360,15 @@ def ambient_tests(records: Sequence[Record], processing: Processing) -> tuple[Am
     Raises:
         InputError: records too short, of different channels, rates or references at one posture.
     """
-    return tuple(_test(group, processing) for group in by_key((record.state, record) for record in records).values())
+    groups = by_key(
+        ((record.state, record.excitation, *(each.place for each in record.responses)), record) for record in records
+    )
+    tests = [_test(group, processing) for group in groups.values()]
+    states = [(test.posture, test.load, test.drives) for test in tests]
+    return tuple(
+        replace(test, remarks=(*test.remarks, APART)) if states.count(state) > 1 else test
+        for test, state in zip(tests, states, strict=True)
+    )
 
 
 def _test(group: list[Record], processing: Processing) -> AmbientTest:
@@ -304,12 +381,9 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
     factor = max(min(int(1 / (first.step * OVERSAMPLED * high)), shortest), 1)
     step = first.step * factor
     parts = [(each, part) for each in group for part in _parts(each, factor)]
-    needed, samples = FEWEST * 4 * ROWS * step, [part.shape[1] for _, part in parts]
-    duration, where = sum(samples) * step, one_line(first.file)
-    got, expected = f"{duration:.4g} s of responses without a force", f"at least {needed:.4g} s without a break"
-    remedy = "record for longer, or give the channel of the hammer the role force"
-    require(duration >= needed and min(samples) >= 8 * ROWS, where, got, expected, remedy, "role")
+    samples = [part.shape[1] for _, part in parts]
     scale = np.sqrt(np.mean([part.var(1) for _, part in parts], axis=0))
+    tapped = _may_be_tapped(first, samples, step)
     scaled = [part / scale[:, None] for _, part in parts]
     cleaned = [
         without_harmonics(part, step, each.speeds, (low, 1 / (2 * step)))
@@ -317,14 +391,69 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
     ]
     records = [record for record, _ in cleaned]
     harmonics = tuple(dict.fromkeys(line for _, lines in cleaned for line in lines))
-    length = max(2 * 2 * ROWS, sum(record.shape[1] for record in records) // BLOCKS)
-    correlations = correlations_of(records, first.references, step, 2 * ROWS, length)
+    remarks, decays = list(_remarks(group, harmonics)), list[np.ndarray]()
+    if tapped:
+        decays, noise = _decays(records, round(processing.rest / step))
+        _check_taps(first, samples, step, len(decays))
+        scale, scaled = scale * noise, decays
+        correlations = decay_correlations(decays, first.references, step, 2 * TAP_ROWS)
+        if not first.excitation:
+            remarks.append(f"too short for an ambient test: taken as {len(decays)} taps (column `excitation`)")
+    else:
+        length = max(2 * 2 * ROWS, sum(record.shape[1] for record in records) // BLOCKS)
+        correlations = correlations_of(records, first.references, step, 2 * ROWS, length)
     places, order = (tuple(getattr(each, key) for each in first.responses) for key in ("place", "order"))
     files, speeds = (each.file for each in group), dict.fromkeys(speed for each in group for speed in each.speeds)
     return AmbientTest(
         *first.state, tuple(files), places, first.references, scale, order, (low, high), correlations,
-        _density(scaled, step, high), tuple(speeds), harmonics, tuple(_remarks(group, harmonics)),
+        _density(scaled, step, high, 1 if decays else SEGMENTS), tuple(speeds), harmonics, tuple(remarks),
+        tuple(decays), first.decay if decays else 0.0,
     )  # fmt: skip
+
+
+def _may_be_tapped(first: Record, samples: Sequence[int], step: float) -> bool:
+    """Whether to look for taps: where the table says so, or where the record is too short for an ambient test."""
+    long = sum(samples) >= FEWEST * 4 * ROWS and min(samples) >= 8 * ROWS
+    if first.excitation == AMBIENT or sum(samples) < FEWEST_TAPS * SHORTEST:
+        _check_taps(first, samples, step, FEWEST_TAPS if long else 0)
+    return first.excitation in (TAP, RELEASE) or not (first.excitation or long)
+
+
+def _check_taps(first: Record, samples: Sequence[int], step: float, count: int) -> None:
+    """Refuse a record with too few taps, and too short for an ambient test."""
+    got, needed = f"{sum(samples) * step:.4g} s of responses without a force", FEWEST * 4 * ROWS * step
+    expected = f"{FEWEST_TAPS} taps with free decays of {SHORTEST * step:.3g} s"
+    remedy = "tap again, and wait 2 to 5 s after each tap"
+    if first.excitation in (TAP, RELEASE):
+        got = f"{count} {first.excitation}s in {got}"
+    else:
+        expected = f"at least {needed:.4g} s without a break, or {expected}"
+        remedy = "record for longer, or give the channel of the hammer the role force"
+    require(count >= FEWEST_TAPS, one_line(first.file), got, expected, remedy, "role")
+
+
+def _decays(records: Sequence[np.ndarray], rest: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the free decays (O, T) of records in standard deviations (O,) of their noise, and these."""
+    left, noise = innovations(records)
+    ends = free_decays(left, noise, rest)
+    pairs = zip(records, ends, strict=True)
+    cut = [record[:, begin:end] / noise[:, None] for record, own in pairs for begin, end in own]
+    return [each for each in cut if each.shape[1] >= SHORTEST], noise
+
+
+def _check_length(first: Record, samples: Sequence[int], step: float, decays: int) -> None:
+    """Refuse a record with too little in it for an ambient test, or for one with taps."""
+    if first.excitation in (TAP, RELEASE) or decays:
+        good, got = decays >= FEWEST_TAPS, f"{decays} free decays of {SHORTEST * step:.3g} s after a {first.excitation}"
+        expected = f"at least {FEWEST_TAPS}"
+        remedy = "tap again, and wait 2 to 5 s after each tap"
+        require(good, one_line(first.file), got, expected, remedy, "excitation")
+        return
+    needed, duration = FEWEST * 4 * ROWS * step, sum(samples) * step
+    got, expected = f"{duration:.4g} s of responses without a force", f"at least {needed:.4g} s without a break"
+    remedy = "record for longer, or give the channel of the hammer the role force"
+    enough = duration >= needed and min(samples) >= 8 * ROWS
+    require(enough, one_line(first.file), got, expected, remedy, "role")
 
 
 def _parts(record: Record, factor: int) -> Iterator[np.ndarray]:
@@ -354,18 +483,16 @@ def _delayed(values: np.ndarray, delay: np.ndarray) -> np.ndarray:
 def _check_alike(record: Record, first: Record) -> None:
     """Refuse a file whose channels differ from those of the first file of its posture."""
     where, remedy = one_line(record.file), "measure all of a posture at one time"
-    places = ([each.place for each in own.responses] for own in (record, first))
-    for name, (own, other) in (("responses", places), ("references", (record.references, first.references))):
-        got = f"other {name} than {quoted(first.file)}"
-        require(own == other, where, got, "the same in files of one posture", remedy)
+    got, same = f"other references than {quoted(first.file)}", record.references == first.references
+    require(same, where, got, "the same in files of one posture", remedy)
     got, expected = f"a rate of {1 / record.step:.6g} Hz", f"{1 / first.step:.6g} Hz, as of {first.file}"
     require(np.isclose(record.step, first.step, rtol=1e-6), where, got, expected, "resample one of them")
 
 
-def _density(records: Sequence[np.ndarray], step: float, high: float) -> SpectralDensity:
+def _density(records: Sequence[np.ndarray], step: float, high: float, segments: int) -> SpectralDensity:
     """Return singular values of the spectral density matrix, averaged over records by their length."""
     weights = [record.shape[1] for record in records]
-    length = min(sum(weights) // SEGMENTS, *weights)
+    length = min(sum(weights) // segments, *weights)
     matrices = [csd(record[:, None], record[None], 1 / step, nperseg=length)[1] for record in records]
     frequency = np.fft.rfftfreq(length, step)
     kept = (frequency > 0) & (frequency <= high)

@@ -35,7 +35,11 @@ from ident.text import by_key, one_line, quoted
 PULSE = 0.1
 """Level of a pulse, as a share of the largest force of the record; assumed."""
 REBOUND = 0.05
-"""Level of a second pulse, as a share of the hit's peak, that makes a double hit; assumed."""
+"""Level down to which the force belongs to a hit, as a share of its peak; assumed."""
+QUIET = 8
+"""Parts of a record, in the quietest of which the noise is found: a burst may fill most of it."""
+ONGOING = 0.02
+"""Share at the end of a record in which a force counts as one that does not end; assumed."""
 NOISE = 8.0
 """Least height of a pulse in standard deviations of the noise; assumed."""
 FLAT = 3
@@ -49,12 +53,12 @@ FULL = 0.999
 
 @dataclass(frozen=True)
 class Hit:
-    """A pulse of the force.
+    """A force that ends: one pulse, several of them or a burst.
 
     Attributes:
         block: number of its block.
         begin: first sample of the pulse.
-        end: first sample after it.
+        end: first sample after its last pulse.
         until: first sample of the next hit, or the block's length.
         flaw: why it is rejected; empty for a good hit.
     """
@@ -69,8 +73,8 @@ class Hit:
 def find_hits(force: np.ndarray, step: float, rest: float) -> list[Hit]:
     """Find the hits in blocks of the force.
 
-    A triggered block holds one hit: further pulses make it a double hit. A single block holds all hits of a record:
-    pulses closer than `rest` to the previous one belong to its hit.
+    A triggered block holds one hit. A single block holds all hits of a record: pulses closer than `rest` to the
+    previous one belong to its hit. The input is the whole force of a hit, however many pulses it has.
 
     Args:
         force: (B, T) [N]
@@ -78,7 +82,7 @@ def find_hits(force: np.ndarray, step: float, rest: float) -> list[Hit]:
         rest: [s] least time between hits.
 
     Returns:
-        The hits in order, double hits with their flaw.
+        The hits in order; one whose force does not end with its flaw.
     """
     if len(force) == 1:
         return list(_of_record(force[0], step, rest))
@@ -95,11 +99,12 @@ def _of_record(force: np.ndarray, step: float, rest: float) -> Iterator[Hit]:
     noise = NOISE * _noise(force)
     level = max(PULSE * float(np.abs(force).max()), noise)
     starts, last = list[int](), 0
-    for begin, end in _runs(np.abs(force) > level) if _stands_out(force) else ():
+    for begin, end in runs(np.abs(force) > level) if _stands_out(force) else ():
         starts += [begin] if not starts or (begin - last) * step >= rest else []
         last = end
     for begin, until in pairwise([*starts, len(force)]):
-        yield _hit(0, (begin, until), force[begin : min(until, begin + math.ceil(rest / step))], noise)
+        before = math.ceil(rest / step / 2) if until < len(force) else 0  # the next hit's filter rings ahead of it
+        yield _hit(0, (begin, until), force[begin : until - before], noise)
 
 
 def _hit(block: int, span: tuple[int, int], near: np.ndarray, noise: float) -> Hit:
@@ -109,13 +114,11 @@ def _hit(block: int, span: tuple[int, int], near: np.ndarray, noise: float) -> H
     """
     size, sign = np.abs(near), np.sign(near[np.argmax(np.abs(near))])
     level = max(REBOUND * float(size.max()), noise)
-    pulses = _runs(size > level)
+    pulses = runs(size > level)
     pulses = [(a, b) for a, b in pulses if (sign * near[a:b]).max() > level] or pulses[:1]
-    flaw = ""
-    if len(pulses) > 1:
-        first, second = (float(size[a:b].max()) for a, b in pulses[:2])
-        flaw = f"a double hit: {second:.3g} N after {first:.3g} N"
-    return Hit(block, span[0] + pulses[0][0], span[0] + pulses[0][1], span[1], flaw)
+    end = pulses[-1][1]
+    flaw = "the force goes on to the end of the record" if end > (1 - ONGOING) * len(near) else ""
+    return Hit(block, span[0] + pulses[0][0], span[0] + end, span[1], flaw)
 
 
 def _stands_out(force: np.ndarray) -> bool:
@@ -124,8 +127,9 @@ def _stands_out(force: np.ndarray) -> bool:
 
 
 def _noise(force: np.ndarray) -> float:
-    """Return the standard deviation of the quiet part, by the median of deviations from the median."""
-    return float(1.4826 * np.median(np.abs(force - np.median(force))))
+    """Return the standard deviation of the quietest part, by the median of deviations from the median."""
+    parts = np.array_split(np.abs(force - np.median(force)), QUIET)
+    return 1.4826 * min(float(np.median(part)) for part in parts if len(part))
 
 
 def overload(values: np.ndarray, full_scale: float | None) -> str:
@@ -144,11 +148,11 @@ def overload(values: np.ndarray, full_scale: float | None) -> str:
         return f"{largest:.3g} of a full scale of {full_scale:.3g}"
     if len(np.unique(values[:: max(len(values) // 2000, 1)])) < STEPS:
         return ""
-    run = max((b - a for a, b in _runs(size >= largest * (1 - 1e-9))), default=0)
+    run = max((b - a for a, b in runs(size >= largest * (1 - 1e-9))), default=0)
     return f"{run} equal samples in a row at its largest number, {largest:.3g}" if run >= FLAT else ""
 
 
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     """Return begin and end of each run of true values in a mask."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -330,15 +334,21 @@ def _overloaded(source: Source, record: _Record) -> str:
     return ""
 
 
-def excited(every: list[Spectra], frequency: np.ndarray, rate: float) -> tuple[float, float]:
-    """Return the band excited by all hits [Hz]: from the first line to the frequency where the force is 20 dB down."""
-    ends = []
-    for each in every:
-        size = np.abs(each.force).mean(0)
-        weak = np.flatnonzero(size < FALLEN * size.max())
-        weak = weak[weak > np.argmax(size)]
-        ends.append(frequency[weak[0] - 1] if len(weak) else frequency[-1])
-    return PERIODS * frequency[1], min(*ends, rate / ANTI_ALIAS)
+def excited(every: list[Spectra], band: tuple[float, float] | None, frequency: np.ndarray, rate: float) -> np.ndarray:
+    """Return which lines (F,) count: those within the band that the hits at each point excite.
+
+    The band ends where the summed force of all hits at a point falls 20 dB below its peak for good. A line within is
+    left out only where that sum is weak: where one double hit has a gap in its spectrum, another one has none.
+    """
+    low, high = band or (PERIODS * frequency[1], rate / ANTI_ALIAS)
+    inside = (frequency >= max(low, frequency[1])) & (frequency <= high)
+    for place in {each.source.reference for each in every}:
+        forces = np.concatenate([each.force for each in every if each.source.reference == place])
+        size = np.sqrt((np.abs(forces) ** 2).sum(0)) * inside
+        strong = size >= FALLEN * size.max()
+        ends = np.flatnonzero(strong)
+        inside &= strong if band is None else strong | (np.arange(len(size)) > ends.max(initial=0))
+    return inside
 
 
 # -------- Hammer
@@ -392,10 +402,8 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
     decay += exponential_decay(count * step, processing.window_end, decay)
     every = [spectra(source, each, count, decay) for source, each in zip(group, hits, strict=True)]
     frequency = np.fft.rfftfreq(count, step)
-    low, high = processing.band or excited(every, frequency, 1 / step)
-    kept = (frequency >= max(low, frequency[1])) & (frequency <= high)
-    got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
-    require(kept.sum() >= 2, where, got, "at least two", "widen the band (`band`)")
+    kept = excited(every, processing.band, frequency, 1 / step)
+    require(kept.sum() >= 2, where, f"{kept.sum()} excited lines", "at least two", "widen the band (`band`)")
     mains = mains_lines(group, frequency[kept])
     return _assembled(every, frequency[kept], kept, (decay, processing.estimator, count * step), mains)
 

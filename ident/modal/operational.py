@@ -17,6 +17,7 @@ from ident.modal.frf import ModeSet
 from ident.modal.modes import SHARPEST, chosen_near
 from ident.modal.parameters import ModalParameters, Rejected
 from ident.modal.poles import Diagram, clustered, distance, physical
+from ident.modal.taps import AmplitudeTrend, amplitude_trend
 
 # -------- Subspace
 # Covariance-driven stochastic subspace identification: poles and shapes of correlation functions, by order.
@@ -103,9 +104,11 @@ class Tracked(ModeSet):
 
     Attributes:
         lost: (m,) whether leaving out some block turns the pole into another one.
+        trend: with amplitude, of a test with taps.
     """
 
     lost: Bool[np.ndarray, "m"]
+    trend: AmplitudeTrend | None
 
     def pick(self, kept: Sequence[int]) -> "Tracked":
         """Return some of the modes."""
@@ -113,10 +116,10 @@ class Tracked(ModeSet):
         shapes = [2 * count + i * outputs + k for i in kept for k in range(outputs)]
         at = [*kept, *(count + i for i in kept), *shapes]
         modes = self.frequency[kept], self.damping[kept], self.shape[:, kept], self.covariance[np.ix_(at, at)]
-        return Tracked(*modes, self.responses, self.band, self.lost[kept])
+        return Tracked(*modes, self.responses, self.band, self.lost[kept], self.trend and self.trend.pick(kept))
 
 
-def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked:
+def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int, amplitude: float | None = None) -> Tracked:
     """Return the stable poles of a diagram as modes with their joint covariance.
 
     Each number of a mode is the median over the orders in which its cluster has a pole. Without one block, the most
@@ -128,6 +131,7 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked
         test: the correlation functions.
         diagram: of the whole record.
         blocks: B.
+        amplitude: [m] at which free decays give the modes, as far as they cover it; by default in their middle.
 
     References:
         Kuensch, "The jackknife and the bootstrap for general stationary observations", Ann. Stat. 17, 1989.
@@ -147,8 +151,31 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked
     lost = np.array([apart for _, apart in ones]).max(0) > LOST
     modes, outputs = len(diagram.chosen), len(test.responses)
     shape = whole[:, 2 : 2 + outputs] + 1j * whole[:, 2 + outputs :]
+    poles, beyond = whole[:, :2].T, np.zeros(2 * modes)
+    trend: AmplitudeTrend | None = None
+    if test.decays:
+        trend = _trend(test, poles, shape.T)
+        seen = trend.seen(poles)
+        if amplitude is None:
+            beyond = (seen / 2).ravel() ** 2
+        else:
+            at = np.clip(amplitude, trend.amplitude[2], trend.amplitude[0])
+            shifts = [(trend.change(poles, at, slope) * (seen != 0)).ravel() for slope in trend.without]
+            vectors[:, : 2 * modes] += shifts
+            poles = poles + trend.change(poles, at) * (seen != 0)
     covariance = _covariance(vectors, 2 * modes, 2 * outputs)
-    return Tracked(whole[:, 0], whole[:, 1], shape.T, covariance, test.responses, test.band, lost)
+    covariance[np.diag_indices(2 * modes)] += beyond
+    return Tracked(poles[0], poles[1], shape.T, covariance, test.responses, test.band, lost, trend)
+
+
+def _trend(test: AmbientTest, poles: Float[np.ndarray, "2 m"], shape: Complex[np.ndarray, "O m"]) -> AmplitudeTrend:
+    """Return the trend of poles with amplitude along the free decays of a test."""
+    frequency, damping = poles
+    pole = 2 * np.pi * frequency * (-damping + 1j * np.sqrt(1 - damping**2))
+    own = shape / (test.scale[:, None] * pole ** np.array(test.order)[:, None])
+    size = np.linalg.norm(own, axis=0)
+    moves = 2 * np.abs(shape).max(0) / size / np.abs(pole) ** 2
+    return amplitude_trend(test.decays, pole - test.decay, own / size, moves, test.correlations.step)
 
 
 def _numbers(
@@ -170,7 +197,7 @@ def _numbers(
 
 
 def _row(test: AmbientTest, each: Realisation, j: int, largest: int) -> Float[np.ndarray, "k"]:
-    pole = each.pole[j]
+    pole = each.pole[j] + test.decay
     motion = each.shape[:, j] * test.scale * pole ** np.array(test.order)  # in SI, as accelerations
     shape = motion / motion[largest]
     size = abs(pole)
@@ -217,6 +244,8 @@ LIGHT = 0.01
 """Damping ratio below which the line of a turning part may be mistaken for a mode; assumed."""
 VAGUE = 0.5
 """Relative standard deviation of the damping ratio from which a pole is not a mode; assumed."""
+FEW_TAPS = 4
+"""Number of taps below which standard errors rest on too few of them; assumed."""
 CLOSE = 0.05
 """Relative frequency difference of two close modes; assumed."""
 
@@ -229,22 +258,26 @@ class OperationalModes(ModalParameters):
         test: the ambient test.
         blocks: number of blocks in the jackknife of the covariance.
         decays: length of a block in decay times of the slowest mode.
+        trend: with amplitude, of a test with taps.
         remarks: for the report.
     """
 
     test: AmbientTest
     blocks: int
     decays: float
+    trend: AmplitudeTrend | None
     remarks: tuple[str, ...]
 
     @property
     def doubtful(self) -> bool:
-        """Whether the record is too short for its blocks to be independent of each other."""
-        return self.decays < DECAYS
+        """Whether the record is too short for its blocks to be independent of each other, or has too few taps."""
+        return self.blocks < FEW_TAPS or (self.decays < DECAYS and not self.test.decays)
 
 
 @threadpool_limits.wrap(limits=1)  # matrices are small: threads of BLAS would mostly wait for each other
-def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None) -> OperationalModes:
+def operational_modes(
+    test: AmbientTest, *, near: Sequence[float] | None = None, amplitude: float | None = None
+) -> OperationalModes:
     """Identify the modes of an ambient test with their joint covariance.
 
     Poles come from covariance-driven stochastic subspace identification over orders; stable ones are clustered as for a
@@ -254,6 +287,7 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
     Args:
         test: the correlation functions.
         near: (m,) [Hz] overrides the choice of modes: the nearest pole of the diagram for each.
+        amplitude: [m] see `block_jackknife`.
 
     Raises:
         InputError: no mode.
@@ -264,15 +298,15 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
     require(any_pole, "", got, "a resonance", remedy, "band")
     damped = diagram.damping[diagram.chosen] >= LEAST_DAMPED  # lines of turning parts never decay
     slowest = float(np.min(-diagram.pole[diagram.chosen].real, where=damped, initial=FASTEST))  # [1/s]
-    blocks = int(np.clip(test.correlations.duration * slowest / DECAYS, *BLOCKS))
-    tracked = block_jackknife(test, diagram, blocks)
+    blocks = len(test.decays) or int(np.clip(test.correlations.duration * slowest / DECAYS, *BLOCKS))
+    tracked = block_jackknife(test, diagram, blocks, amplitude)
     kept, rejected = _sorted_out(test, diagram, tracked)
     require(kept, "", "responses without a mode that lasts over the orders", "a resonance", remedy, "band")
     found = tracked.pick(kept)
     decays = test.correlations.duration * slowest / blocks
-    remarks = tuple(_remarks(test, found, rejected, decays))
+    remarks = (*_remarks(test, found, rejected, decays), *_of_amplitude(found, amplitude))
     modes = found.frequency, found.damping, found.shape, found.covariance, found.responses, found.band
-    return OperationalModes(*modes, diagram, rejected, test, blocks, decays, remarks)
+    return OperationalModes(*modes, diagram, rejected, test, blocks, decays, found.trend, remarks)
 
 
 def _sorted_out(test: AmbientTest, diagram: Diagram, tracked: Tracked) -> tuple[list[int], tuple[Rejected, ...]]:
@@ -336,19 +370,22 @@ def _why(
 
 def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], decays: float) -> Iterator[str]:
     frequency, damping = found.frequency, found.damping
-    if decays < DECAYS:
+    if test.decays and len(test.decays) < FEW_TAPS:
+        yield f"WARNING: {len(test.decays)} taps: their scatter hardly tells the standard errors: {FEW_TAPS} or more do"
+    elif decays < DECAYS and not test.decays:
         needed = test.correlations.duration * DECAYS / decays
         yield (
             f"WARNING: too short a record: a block has {decays:.1f} decay times of the slowest mode, {DECAYS:g} are "
             f"needed; standard deviations are not to be relied on below {needed:.0f} s"
         )
+    few = ["one direction of taps"] if found.trend and found.trend.one_way else []
     if len(test.references) == 1:
-        many = "one response" if len(test.responses) == 1 else "one reference"
+        few.append("one response" if len(test.responses) == 1 else "one reference")
+    for many in few:
         yield f"WARNING: {many} only: modes that coincide are seen as one, and what does not move there is not seen"
-    for i in np.flatnonzero(np.diff(frequency) < CLOSE * frequency[1:]):
-        if len(test.references) == 1:
-            pair = f"{frequency[i]:.4g} and {frequency[i + 1]:.4g} Hz"
-            yield f"WARNING: the close modes at {pair} are told apart by one reference: measure in a second direction"
+    for i in np.flatnonzero(np.diff(frequency) < CLOSE * frequency[1:]) if few else ():
+        pair, do = f"{frequency[i]:.4g} and {frequency[i + 1]:.4g} Hz", "tap" if "taps" in few[0] else "measure"
+        yield f"WARNING: the close modes at {pair} are not told apart by {few[0]}: {do} in a second direction"
     lines = [(line.frequency, f"{line}, which was taken out,") for line in test.harmonics]
     sharp = [pole.frequency for pole in rejected if pole.damping < LEAST_DAMPED]
     lines += [(line, f"what turns at {line:.4g} Hz") for line in sharp]
@@ -359,3 +396,22 @@ def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], de
         what = turning(test.speeds, each) if ratio < LIGHT else ""
         if what and all(abs(line - each) > SPEED_SLIP * each for line, _ in lines):
             yield f"WARNING: the mode at {each:.4g} Hz may be that of {what}: repeat at another speed"
+
+
+def _of_amplitude(found: Tracked, amplitude: float | None) -> Iterator[str]:
+    """Yield whether free decays had the amplitude at work, or which modes change along them."""
+    if found.trend is None:
+        return
+    high, early, late = 1e3 * found.trend.amplitude  # [mm]
+    if amplitude is not None:
+        met = (late <= 1e3 * amplitude) & (high >= 1e3 * amplitude)
+        others = ", ".join(f"{hertz:.4g}" for hertz in found.frequency[~met])
+        rest = f"; those at {others} Hz are given at the nearest one measured" * bool(others)
+        yield f"{met.sum()} of {len(met)} modes were measured at the amplitude at work, {1e3 * amplitude:.3g} mm{rest}"
+        return
+    poles = np.array([found.frequency, found.damping])
+    at = [poles + found.trend.change(poles, each / 1e3) for each in (early, late)]
+    for i in np.flatnonzero(found.trend.seen(poles).any(0)):
+        ends = zip(at, (early, late), strict=True)
+        first, last = (f"{f[0, i]:.5g} Hz and {100 * f[1, i]:.3g} % at {size[i]:.2g} mm" for f, size in ends)
+        yield f"a mode changes with amplitude: {first}, {last}: say the one at work (`amplitude`)"

@@ -397,6 +397,8 @@ class Record(Recorded):
         references: indices of the reference responses, for the correlation with all others.
         speeds: turning parts and their speeds.
         remarks: for the report.
+        excitation: as the table says it.
+        decay: [1/s] of a window that the analyser has applied.
     """
 
     step: float
@@ -404,6 +406,8 @@ class Record(Recorded):
     references: tuple[int, ...]
     speeds: tuple[Speed, ...]
     remarks: tuple[str, ...]
+    excitation: str = ""
+    decay: float = 0.0
 
 
 def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> frozenset[str]:
@@ -435,7 +439,7 @@ def _record(name: str, table: ChannelTable, recording: Recording) -> Record:
     rows = [row for row in table.rows if fnmatchcase(name, row.file)]
     check_names(name, rows, recording)
     counting = [row for row in rows if row.counts]
-    check_state(counting)
+    check_state(counting, {**WINDOW, "excitation": "excitation"})
     channels = {each.name: each for each in recording.channels}
     used = [channels[row.channel] for row in counting]
     step = sampling_step(name, rows, recording, used)
@@ -449,6 +453,7 @@ def _record(name: str, table: ChannelTable, recording: Recording) -> Record:
     return Record(
         name, *state_of(counting[0]), step, responses, references or tuple(range(len(counting))), speeds,
         (*forces, *_unit_remarks(counting, {each.name: each.unit for each in used})),
+        counting[0].excitation, counting[0].decay,
     )  # fmt: skip
 
 

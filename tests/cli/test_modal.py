@@ -1,13 +1,16 @@
 """`ident modal`: files of a hammer test to frequency responses, and the channel table to fill in."""
 
+import re
 import sys
 import warnings
 from shutil import copy
 
+import numpy as np
 import pytest
 from commands import files
 from hammer_files import FOLDER
 from reports import assert_one_screen
+from tapped import tapped, write_taps
 
 from ident.cli.running import start
 
@@ -105,3 +108,23 @@ def test_bad_files_are_refused_all_at_once(run, folder):
     code, out, err = run("modal", folder)
     assert (code, out) == (2, "")
     assert err.count("damaged or truncated file") == 2
+
+
+def test_taps_without_a_force_go_the_same_way(run, tmp_path):
+    """From a record of six taps by hand to a campaign that a fit reads; no other test names modes of taps."""
+    made = tmp_path / "taps"
+    made.mkdir()
+    write_taps(made, tapped().record(np.random.default_rng(5)))
+    code, out, err = run("modal", made, "--out=new", "--amplitude=0.7")
+    assert (code, err) == (0, "")
+    assert_one_screen(out)
+    assert out.startswith("Tap test at 1 posture: free decays after 6 taps, without a force; ")
+    for name, hertz in (("lateral torsion 1", "5.6"), ("vertical bending 1", "5.77"), ("vertical bending 2", "14.98")):
+        assert re.search(rf"{name} +{re.escape(hertz)}", out)
+    code, out, _ = run("check", "new/taps.modal.csv", "--arm", made / "arm.toml")
+    assert code == 0
+    table = (made / "channels.csv").read_text()
+    (made / "channels.csv").write_text(table.replace(",tap\n", ",knock\n"))
+    code, _, err = run("modal", made, "--out=newer")
+    assert code == 2
+    assert "excitation: got 'knock', expected one of ambient, tap, release" in err

@@ -12,6 +12,7 @@ from ident.measure.channels import ChannelRow, ChannelTable
 from ident.measure.recordings import Channel, Recording
 from ident.modal.frf import Processing
 from ident.modal.hammer import modal_tests
+from ident.modal.modes import modes_of
 
 STEP, COUNT = 1e-3, 8000
 FREQUENCY, RATIO, MASS = 6.0, 0.02, 10.0
@@ -485,3 +486,39 @@ def test_a_file_of_nodes_passes_unless_it_alone_is_named():
         np.testing.assert_array_equal(modal_tests(rows, made)[0].frf.hits, expected.frf.hits)
     line = refused(table(row("z", "response", file="b.uff")), made)
     assert "got nodes and no channel in 'b.uff', expected samples over time or frequency responses" in line
+
+
+def test_double_hits_of_different_gaps_tell_as_much_as_single_ones():
+    """Five of each, the same noise, that of the force 3e-5 of its peak: poles and intervals are alike."""
+    found = []
+    for rebounds in (np.zeros(5), np.linspace(0.2, 0.45, 5)):
+        force, answer = blocks(5, noise=0.0)
+        for hit, (share, gap) in enumerate(zip(rebounds, (31, 47, 65, 90, 140), strict=True)):
+            for each in (force, answer):
+                each[hit, gap:] += share * each[hit, :-gap].copy()
+        error = np.random.default_rng(8).standard_normal((2, 5, COUNT)) * [[[0.003]], [[0.02]]]
+        (test,) = modal_tests(table(), recording(force + error[0], answer + error[1]), Processing(band=(3.0, 30.0)))
+        assert test.rejected == ()
+        found.append(modes_of(test.frf))
+    single, double = found
+    np.testing.assert_allclose(double.sigma, single.sigma, rtol=0.2)
+    for each in found:
+        assert abs(each.frequency[0] - FREQUENCY) < 4 * each.sigma[0, 0]
+        assert abs(each.damping[0] - RATIO) < 4 * each.sigma[1, 0]
+
+
+def test_a_line_is_left_out_only_where_all_hits_at_a_point_are_weak():
+    """Equal double hits have gaps in their spectrum at odd multiples of half the reciprocal of their distance."""
+    force, answer = blocks(4, noise=0.0)
+    gaps = {"alike": (50, 50, 50, 50), "different": (50, 50, 62, 41)}
+    weak = {}
+    for name, own in gaps.items():
+        f, a = force.copy(), answer.copy()
+        for hit, gap in enumerate(own):
+            f[hit, gap:] += force[hit, :-gap]
+            a[hit, gap:] += answer[hit, :-gap]
+        (test,) = modal_tests(table(), recording(f, a))
+        weak[name] = np.abs(test.frf.frequency - 10.0).min()
+        assert test.frf.frequency[-1] > 35
+    assert weak["alike"] > 0.3
+    assert weak["different"] < 0.1

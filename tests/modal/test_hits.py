@@ -1,4 +1,4 @@
-"""Hits in a record: found where they are, and refused by name where they are double, overloaded or none."""
+"""Hits in a record: found where they are, whole, and refused by name where they are overloaded, endless or none."""
 
 import numpy as np
 import pytest
@@ -28,23 +28,40 @@ def test_hits_of_one_long_record_are_cut_where_the_next_begins():
     assert all(hit.end - hit.begin == 5 for hit in hits)
 
 
-def test_a_second_pulse_within_the_rest_makes_a_double_hit():
+def test_a_second_pulse_within_the_rest_belongs_to_its_hit():
     record = noisy(pulse(4000, 300) + pulse(4000, 318, 30.0) + pulse(4000, 2000))
     first, second = find_hits(record[None], STEP, rest=1.0)
-    assert first.flaw == "a double hit: 30 N after 100 N"
-    assert (second.begin, second.flaw) == (2000, "")
+    assert (first.begin, first.end, first.flaw) == (300, 323, "")
+    assert (second.begin, second.end, second.flaw) == (2000, 2005, "")
 
 
-def test_a_weak_rebound_below_the_threshold_of_hits_is_still_seen():
+def test_a_weak_rebound_below_the_threshold_of_hits_is_still_a_part_of_the_force():
     record = noisy(pulse(4000, 300) + pulse(4000, 330, 7.0))
-    assert find_hits(record[None], STEP, rest=1.0)[0].flaw == "a double hit: 7.02 N after 100 N"
+    (hit,) = find_hits(record[None], STEP, rest=1.0)
+    assert (hit.begin, hit.flaw) == (300, "")
+    assert 331 < hit.end <= 335
+
+
+@pytest.mark.parametrize("kind", ["chirp", "random"])
+def test_a_burst_that_ends_is_a_hit_and_one_that_goes_on_is_none(kind):
+    time = np.arange(2000) * STEP
+    wave = np.sin(2 * np.pi * (2 + 3 * time) * time)
+    white = np.random.default_rng(4).standard_normal((2, 2000))
+    waves = np.stack([wave, wave]) if kind == "chirp" else white
+    bursts = noisy(50 * waves * ((time > 0.3) & (time < 7.0)))
+    for hit in find_hits(bursts, STEP, 1.0):
+        assert hit.flaw == ""
+        assert hit.begin == pytest.approx(0.3 / STEP, abs=10)
+        assert hit.end == pytest.approx(7.0 / STEP, abs=20)
+    endless = noisy(50 * waves * (time > 5.0))
+    assert {hit.flaw for hit in find_hits(endless, STEP, 1.0)} == {"the force goes on to the end of the record"}
 
 
 def test_triggered_blocks_hold_one_hit_each():
     blocks = noisy(np.array([pulse(500, 20), pulse(500, 20) + pulse(500, 300, 50.0), pulse(500, 20, -100.0)]))
     hits = find_hits(blocks, STEP, rest=1.0)
     assert [hit.block for hit in hits] == [0, 1, 2]
-    assert [bool(hit.flaw) for hit in hits] == [False, True, False]
+    assert [(hit.begin, hit.end, hit.flaw) for hit in hits] == [(20, 25, ""), (20, 305, ""), (20, 25, "")]
     assert find_hits(np.array([pulse(500, 20), np.zeros(500)]), STEP, 1.0)[1].flaw == "no pulse of the force"
 
 

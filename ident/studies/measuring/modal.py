@@ -50,6 +50,12 @@ class ModalOptions(ProblemOptions, SamplesOptions):
         read=reading.band,
     )
 
+    amplitude: float | None = option(
+        None,
+        "amplitude at work [mm] of the response that a mode moves most, at which free decays after taps give the mode;"
+        " default: the middle of the decay",
+        above=0.0,
+    )
     modes: dict[str, tuple[float, ...]] = repeated(
         {},
         "frequencies [Hz] of the modes to take at a posture, by its number, as 2=4.45,5.01; may be repeated",
@@ -203,7 +209,7 @@ def modal_test(
     arm: "ArmFile | None" = None,
     options: ModalOptions = DEFAULT,
 ) -> ModalResult:
-    """Identify the modes of a hammer test, or of a test without force, and name them by their shapes.
+    """Identify the modes of a hammer test, or of a test without force (taps, ambient), and name them by their shapes.
 
     Args:
         tests: folder of the recordings; files that the table does not name are ignored.
@@ -271,7 +277,9 @@ def _identified(
     near = {int(number): frequencies for number, frequencies in options.modes.items()}
     parameters = stiffness_parameters(arm, options.unknowns)
     measured, finished = tests
-    identified = identify_modes(arm, measured, parameters, near=near, seed=options.seed) if measured else ()
+    amplitude = None if options.amplitude is None else options.amplitude / 1e3
+    how: dict[str, Any] = {"near": near, "seed": options.seed, "amplitude": amplitude}
+    identified = identify_modes(arm, measured, parameters, **how) if measured else ()
     return identified, name_modes(arm, finished, parameters, seed=options.seed)
 
 

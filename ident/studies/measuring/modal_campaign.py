@@ -68,6 +68,7 @@ def identify_modes(
     *,
     near: Mapping[int, tuple[float, ...]] | None = None,
     seed: int = 0,
+    amplitude: float | None = None,
 ) -> tuple[IdentifiedModes, ...]:
     """Identify and name the modes of each posture; for a hammer test, the scatter of all hits scales their errors.
 
@@ -77,6 +78,7 @@ def identify_modes(
         parameters: the unknowns with their priors, over which modes are named.
         near: [Hz] frequencies that replace the choice of modes in a test, by its number from 1.
         seed: of the draws.
+        amplitude: [m] see `operational_modes`.
 
     Raises:
         InputError: a test without a mode, with too few hits or lines, or a number of no test.
@@ -85,7 +87,7 @@ def identify_modes(
     for number in near:
         if not 1 <= number <= len(tests):
             raise refusal("modes", f"posture {number}", f"1 to {len(tests)}", "postures are numbered as in the report")
-    every = [_modes(test, near.get(number)) for number, test in enumerate(tests, 1)]
+    every = [_modes(test, near.get(number), amplitude) for number, test in enumerate(tests, 1)]
     hammer = iter(together([modes for modes in every if isinstance(modes, Modes)]))
     modes = [next(hammer) if isinstance(each, Modes) else each for each in every]
     measured = [Measured(test.posture, each, test.load) for test, each in zip(tests, modes, strict=True)]
@@ -101,9 +103,13 @@ def name_modes(
     return tuple(NamedModes(test.modes, own) for test, own in zip(tests, labels, strict=True))
 
 
-def _modes(test: ModalTest | AmbientTest, near: tuple[float, ...] | None) -> Modes | OperationalModes:
+def _modes(
+    test: ModalTest | AmbientTest, near: tuple[float, ...] | None, amplitude: float | None
+) -> Modes | OperationalModes:
     with placed(one_line(", ".join(test.files))):
-        return operational_modes(test, near=near) if isinstance(test, AmbientTest) else modes_of(test.frf, near=near)
+        if isinstance(test, AmbientTest):
+            return operational_modes(test, near=near, amplitude=amplitude)
+        return modes_of(test.frf, near=near)
 
 
 def modal_campaign(

@@ -13,7 +13,7 @@ from ident.modal.ambient import AmbientTest
 from ident.modal.finished import POLE, FinishedTest
 from ident.modal.frf import MOVING, Check, ModalTest
 from ident.modal.modes import Modes, Ratio
-from ident.modal.operational import DECAYS, OperationalModes
+from ident.modal.operational import DECAYS, FEW_TAPS, OperationalModes
 from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, by_head, cut
 from ident.report.words import counted, degrees, percent, sentence
 from ident.studies.measuring.modal_campaign import IdentifiedModes, Labelled, NamedModes
@@ -21,10 +21,13 @@ from ident.text import by_key
 
 if TYPE_CHECKING:
     from ident.modal.frf import Place
+    from ident.modal.taps import AmplitudeTrend
 
 AnyTest = ModalTest | AmbientTest | FinishedTest
 FEW, LISTED = 3, 3
 """Hits at a point below which rejected ones should be repeated; rejected hits named at most."""
+ALONE = 0.99
+"""Share of a shape's power at one of several points from which that sensor may be loose; assumed."""
 WARNING, IDLE = "WARNING: ", "outside the band"
 """Beginning of a remark that affects the verdict, and ending of one that does not: it appears in the details only."""
 
@@ -55,11 +58,15 @@ def modal_sections(
 def _subject(
     tests: Sequence[ModalTest | AmbientTest], finished: Sequence[FinishedTest], modes: Sequence[Labelled]
 ) -> str:
-    hammer, ambient = _hammer(tests), [test for test in tests if isinstance(test, AmbientTest)]
+    hammer, quiet = _hammer(tests), [test for test in tests if isinstance(test, AmbientTest)]
+    tapped, ambient = [test for test in quiet if test.decays], [test for test in quiet if not test.decays]
     parts = []
     if hammer:
         hits, rejected = sum(test.hits for test in hammer), sum(len(test.rejected) for test in hammer)
         parts.append(f"Hammer test at {counted(len(hammer), 'posture')}: {hits} hits accepted, {rejected} rejected")
+    if tapped:
+        words = f"free decays after {sum(len(test.decays) for test in tapped)} taps, without a force"
+        parts.append(f"Tap test at {counted(len(tapped), 'posture')}: {words}")
     if ambient:
         words = f"{sum(test.correlations.duration for test in ambient):.0f} s of responses without a force"
         parts.append(f"Ambient test at {counted(len(ambient), 'posture')}: {words}")
@@ -95,7 +102,8 @@ def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[Iden
     """Judge a test: NOT CONVERGED, DOUBTFUL where checks fail or the arm moved, NOT CHECKED without any, else GOOD."""
     checks = [check for test in _hammer(tests) for check in test.checks]
     ratios = [each.modes.ratio for each in identified if isinstance(each.modes, Modes)]
-    short = [each.modes for each in identified if isinstance(each.modes, OperationalModes)]
+    quiet = [each.modes for each in identified if isinstance(each.modes, OperationalModes)]
+    short, taps = [each for each in quiet if not each.trend], [each.blocks for each in quiet if each.trend]
     if not _all_converged(identified):
         return Verdict("NOT CONVERGED", "The search for the most probable modes has not ended.", "bad")
     failed = [check for check in checks if not check.good]
@@ -115,6 +123,10 @@ def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[Iden
         fewest = min(short, key=lambda modes: modes.decays)
         decays = f"{fewest.decays:.1f} decay times of the slowest mode (at least {DECAYS:g} needed)"
         parts.append(f"each of {fewest.blocks} blocks has {decays}")
+    if taps:
+        parts.append(
+            f"std. errors by the scatter of {min(taps)} taps at a posture or more (at least {FEW_TAPS} needed)"
+        )
     if not parts:
         unchecked = "no driving point and no reciprocal pair were measured" if tests else "no recordings, only modes"
         return Verdict("NOT CHECKED", f"There is nothing to check the modes by: {unchecked}.", "caution")
@@ -187,6 +199,13 @@ def _unnamed(tests: Sequence[AnyTest], modes: Sequence[Labelled]) -> Iterator[Fi
     for test, each in zip(tests, modes, strict=False):
         for i, why in enumerate(each.labels.why):
             if why:
+                points = [place.point for place in each.modes.responses]
+                moved = dict.fromkeys(points, 0.0)
+                for point, motion in zip(points, np.abs(each.modes.shape[:, i]) ** 2, strict=True):
+                    moved[point] += float(motion)
+                alone = max(moved, key=moved.__getitem__)
+                if len(moved) > 1 and moved[alone] > ALONE * sum(moved.values()):
+                    why += f"; only {cut(alone, 20)} moves: look whether that sensor is loose"
                 hertz = each.modes.frequency[i]
                 text = f"no certain name for mode {i + 1} at {degrees(test.posture)}, {hertz:.2f} Hz: {why}"
                 yield Finding(text, "add a sensor that tells them apart; the campaign leaves it out")
@@ -302,6 +321,7 @@ def _ambient_test(test: AmbientTest) -> Iterator[Part]:
     """Yield the records, and the removed lines."""
     low, high = test.band
     record = f"{test.correlations.duration:.4g} s at {1 / test.correlations.step:.4g} Hz"
+    record = f"{len(test.decays)} free decays after taps, {record}" if test.decays else record
     yield (
         f"{counted(len(test.responses), 'response')}, {len(test.references)} of them references, {record}; "
         f"{low:.3g} to {high:.4g} Hz: {', '.join(place_in_words(place) for place in test.responses)}."
@@ -319,8 +339,21 @@ def _reliance(modes: Modes | OperationalModes) -> Iterator[Part]:
         share = f"{modes.ratio.value:.2f} of the variance by maximum likelihood"
         yield f"Hit scatter: {share}, {_band(modes.ratio)} (99 %)."
     else:
-        yield f"Standard errors by leaving out one of {modes.blocks} blocks at a time."
+        what = "taps" if modes.trend else "blocks"
+        yield f"Standard errors by leaving out one of {modes.blocks} {what} at a time."
+        if modes.trend:
+            yield _amplitudes(modes, modes.trend)
     yield from (f"No mode at {pole.frequency:.2f} Hz: {pole.why}." for pole in modes.rejected)
+
+
+def _amplitudes(modes: OperationalModes, trend: "AmplitudeTrend") -> Table:
+    """Return frequency and damping in both halves of the decays, by the amplitude there."""
+    poles = np.array([modes.frequency, modes.damping])
+    early, late = (poles + trend.change(poles, each) for each in trend.amplitude[1:])
+    columns = *(1e3 * trend.amplitude), early[0], late[0], 100 * early[1], 100 * late[1]
+    heads = "largest [mm]|.2g", "early|.2g", "late|.2g", "frequency [Hz]|.4f", "late|.4f", "damping [%]|.3f", "late|.3f"
+    rows = [(i, *map(float, row)) for i, row in enumerate(zip(*columns, strict=True), 1)]
+    return by_head(("mode|d", *heads), rows, note="At the response that a mode moves most, along the decays.")
 
 
 def reproducibility_in_words(known: Reproducibility) -> str:
