@@ -10,10 +10,12 @@ import numpy as np
 from ident.files import replace_file
 from ident.measure.table import csv_text, guarded
 from ident.report.report import Finding, Report, Section, Table, Verdict, by_head
-from ident.report.words import MM, counted
+from ident.report.words import MM, counted, percent
 from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.studies.cure.motion_study import LIMITS, TOUCHED, Candidate
 from ident.studies.cure.remedies import CONFIDENT
+from ident.studies.scenario import DAMPING
+from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
     from ident.studies.cure.motion_study import MotionStudy
@@ -32,8 +34,10 @@ def motion_sections(motions: "MotionStudy") -> Report:
 
 
 def _verdict(motions: "MotionStudy") -> Verdict:
-    best, limit = motions.recommended, f"{MM * motions.limit:g} mm"
-    now = motions.candidates[0]
+    best, now, wanted = motions.recommended, motions.candidates[0], motions.wanted
+    limit = f"{MM * wanted.limit:g} mm"
+    if wanted.settled is not None:
+        return _settled(motions)
     if best is None:
         quiet = min(motions.candidates, key=lambda each: each.worst)
         least = f"the quietest is {quiet.name}: {MM * quiet.worst:.2f} mm in {quiet.time:.1f} s"
@@ -45,6 +49,22 @@ def _verdict(motions: "MotionStudy") -> Verdict:
     largest = best.worst if best.verification is None else best.verification.largest
     size = f"{MM * largest:.2f} mm by the exact equations"
     return Verdict("MET", f"Recommended: {best.name}. It {keeps} ({size}; {compared}).", "good")
+
+
+def _settled(motions: "MotionStudy") -> Verdict:
+    best, now, wanted = motions.recommended, motions.candidates[0], motions.wanted
+    value = f"settles to {MM * (wanted.settled or 0.0):g} mm"
+    value += "" if len(wanted.ways) == 3 else f" in {DIRECTIONS[wanted.ways[0]]}"
+    both = f" and keeps {MM * wanted.limit:g} mm" if np.isfinite(wanted.limit) else ""
+    if best is None:
+        first = min(motions.candidates, key=lambda each: each.ready)
+        least = f"{first.name} {value} first, in {first.ready:.1f} s" if np.isfinite(first.ready) else "none settles"
+        return Verdict("NOT MET", f"No motion {value}{both} with confidence; {least}.", "bad")
+    sure = f"{value}{both} within {best.ready:.1f} s, with {100 * CONFIDENT:g} % probability"
+    if best is now:
+        return Verdict("MET", f"The motion as it is {sure}: no change is needed.", "good")
+    exact = f"{best.verification.settled:.1f} s by the exact equations" if best.verification else "not verified"
+    return Verdict("MET", f"Recommended: {best.name}. It {sure} ({exact}; as it is: {now.ready:.1f} s).", "good")
 
 
 def _touched(motions: "MotionStudy") -> str:
@@ -62,6 +82,7 @@ def _shown(motions: "MotionStudy") -> tuple[Candidate, ...]:
 
 def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Table:
     now, best, rows = motions.candidates[0], motions.recommended, []
+    settles, limited = now.settled is not None, bool(np.isfinite(motions.limit))
     for each in candidates:
         keeps = each.keeps(motions.limit)
         if each.verification is not None and each.verification.keeps is not None:
@@ -69,9 +90,11 @@ def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Ta
         median, high = np.quantile(each.peaks, (0.5, 0.95))
         sizes = (MM * median, MM * high, MM * each.worst, MM * each.left)
         name, added = each.name + " *" * bool(each.beyond), round(each.time, 1) - round(now.time, 1)
-        rows.append((name, each.time, added, *sizes, 100 * keeps.share, np.degrees(each.acceleration)))
+        kept = [each.ready] * settles + [100 * keeps.share] * limited
+        rows.append((name, each.time, added, *sizes, *kept, np.degrees(each.acceleration)))
     of_sizes = "vibration, median [mm]|.2f", "95 % [mm]|.2f", "worst phases [mm]|.2f", "after arrival [mm]|.2f"
-    heads = "time [s]|.1f", "added [s]|+.1f", *of_sizes, "keeps limit [%]|.0f", "joint acceleration [deg/s^2]|.0f"
+    wishes = ["settled, 95 % [s]|.1f"] * settles + ["keeps limit [%]|.0f"] * limited
+    heads = "time [s]|.1f", "added [s]|+.1f", *of_sizes, *wishes, "joint acceleration [deg/s^2]|.0f"
     strong = tuple(k for k, each in enumerate(candidates) if each is best)
     beyond = [name for name in LIMITS if any(name in each.beyond for each in candidates)]
     note = f"* beyond the arm file's limit of {' and '.join(beyond)}: not recommended." if beyond else ""
@@ -91,6 +114,9 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
         low, high = (f"{100 * end:.0f}" for end in checked.keeps.interval)
         text = f"speed along the path keeps the limit with {low} to {high} % of {checked.keeps.draws} fresh draws"
         yield Finding(text, "measure the stiffnesses better (ident plan), or give it more time (--time)")
+    if motions.basis.unknown.damping:
+        text = f"damping counts as known within {percent(DAMPING)} (standard error, assumed), all of it together"
+        yield Finding(text, "measure damping ratios: settling takes as long as damping is low")
     if not motions.basis.posterior:
         yield Finding("the stiffnesses count as exact", "add --posterior of ident sample")
     yield from all_findings(motions.basis)
@@ -137,6 +163,7 @@ def motion_rows(motions: "MotionStudy") -> list[dict[str, Any]]:
         | {"median": float(np.median(each.peaks)), "q95": float(np.quantile(each.peaks, 0.95)), "worst": each.worst}
         | {"after_arrival": each.left, "keeps": each.keeps(motions.limit).share}
         | {"acceleration": each.acceleration, "met": motions.met(each)}
+        | ({} if each.settled is None else {"settled": each.ready})
         for each in motions.candidates
     ]
 

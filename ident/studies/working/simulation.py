@@ -12,15 +12,19 @@ from jaxtyping import Float
 from ident.arm.arm import Arm
 from ident.measure import Trace
 from ident.studies.basis import alike
-from ident.studies.scenario import Basis, OverPhases, over_phases
+from ident.studies.scenario import DAMPING, Basis, OverPhases, over_phases
 from ident.vibrate.compare import Comparison
 from ident.vibrate.fast import LeavesTangentError
 from ident.vibrate.response import Response, belt_tension, slack
+from ident.vibrate.settling import settling_time
 from ident.vibrate.simulate import superposition
 from ident.vibrate.study import Draws, Sizes, measures
 
 if TYPE_CHECKING:
     from ident.vibrate.clock import Clock
+
+LOW = 1.645
+"""Standard errors from the median to the 5 % quantile."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class Simulation:
         basis: arm and motion, and the sources of their numbers.
         response: by the exact method, unless the fast one alone was chosen.
         other: by the fast method, if both were chosen.
-        tolerance: [m] of the settling time.
+        settled: [m] below which the end has settled once it stays there.
         at: [s] start of the late peak's window; None for none.
         limit: [m] of the peak; None for none.
         draws: the vibration by draws of the basis' posterior.
@@ -44,7 +48,7 @@ class Simulation:
     basis: Basis
     response: Response
     other: Response | None
-    tolerance: float
+    settled: float
     at: float | None = None
     limit: float | None = None
     draws: Draws | None = None
@@ -95,7 +99,13 @@ class Simulation:
     @cached_property
     def sizes(self) -> Sizes:
         """Sizes of the vibration."""
-        return measures(self.response, self.tolerance, self.at)
+        return measures(self.response, self.settled, self.at)
+
+    @property
+    def late(self) -> float:
+        """Time [s] until the end has settled, were its damping at the low end of what is known of it."""
+        low = float(np.exp(-LOW * DAMPING))
+        return float(settling_time(self.response, self.settled, low).max())
 
     @cached_property
     def phi(self) -> Float[np.ndarray, "3 N T"]:
