@@ -151,10 +151,8 @@ class Basis:
     def with_unknown_damping(self, count: int) -> "Basis":
         """Return the same with `count` draws of a common factor of the damping, unless the posterior has damping."""
         drawn = self.posterior.values if self.posterior else {}
-        numbers = {} if any(map(is_damping, drawn)) else self.arm.numbers()
-        damping = {
-            path: float(x) for path, x in numbers.items() if is_damping(path) and x > 0 and path not in self.changed
-        }
+        own = {} if any(map(is_damping, drawn)) else self.arm.numbers()
+        damping = {path: float(x) for path, x in own.items() if is_damping(path) and path not in self.changed}
         return replace(self, unknown=replace(self.unknown, damping=damping, count=count))
 
     @cached_property

@@ -240,6 +240,10 @@ class Schedule:
         return self.path.motion(averaged(averaged(evenly, self.windows[0]), self.windows[1]))
 
 
+Settling = tuple[Float[np.ndarray, "3"], float]
+"""Values [m] below which each direction must settle, infinite for none, and the time constant of the decay [s]."""
+
+
 @dataclass(frozen=True)
 class _Aim:
     """Aim of a search: the least time with ln(vibration) at a level, or the least vibration in a time [s].
@@ -355,11 +359,7 @@ class Scheduling:
         return np.log(largest.ravel())
 
     def least_time(
-        self,
-        limit: float,
-        progress: Progress = iter,
-        near: Schedule | None = None,
-        settled: tuple[Float[np.ndarray, "3"], float] | None = None,
+        self, limit: float, progress: Progress = iter, near: Schedule | None = None, settled: Settling | None = None
     ) -> Schedule:
         """Return the schedule of least time within a limit [m] for all values of the unknown phases.
 
@@ -370,7 +370,7 @@ class Scheduling:
             limit: [m]; infinite for none.
             progress: shows progress over the steps of the search.
             near: a schedule to start from; the best of a few when None.
-            settled: the value in each direction [m], infinite for none, and the time constant of the decay [s].
+            settled: the values, and the time constant.
         """
         level, weight = np.full((3, BINS + LATER), limit), np.full((3, BINS + LATER), 1.0)
         if settled:

@@ -33,6 +33,11 @@ HALVINGS = 60
 """Halvings of the time in which the envelope meets a value: to the last digit."""
 
 
+Poles = Complex[np.ndarray, "modes *K"]
+"""Poles s [rad/s], one of each conjugate pair, NaN for the other."""
+Matrices = Float[np.ndarray, "n n K"]
+
+
 class Decay(NamedTuple):
     """Free vibrations after the arrival, in some directions, and of K arms or phases.
 
@@ -83,16 +88,14 @@ def _at_rest(arm: Arm, posture: Float[AnyArray, "driven 1"], loads: Loads | None
     return _held(model, posture, quasi_static_deflection(arm, model, posture, loads))
 
 
-def poles_at(arm: Arm, motion: Motion, loads: Loads | None = None) -> Complex[np.ndarray, "modes K"]:
+def poles_at(arm: Arm, motion: Motion, loads: Loads | None = None) -> Poles:
     """Return the poles s [rad/s] of K arms, or of one, where a motion ends, see `poles_of`."""
     posture = np.asarray(motion(motion.breaks[-1:])[0])
     numbers = {path: np.broadcast_to(x, arm.batch or (1,)) for path, x in arm.numbers().items()}
     return poles_of(*in_batches(lambda some: _at_rest(nominal(arm).replace(some), posture, loads), numbers, BATCH))
 
 
-def poles_of(
-    M: Float[np.ndarray, "n n K"], D: Float[np.ndarray, "n n K"], K: Float[np.ndarray, "n n K"]
-) -> Complex[np.ndarray, "modes K"]:
+def poles_of(M: Matrices, D: Matrices, K: Matrices) -> Poles:
     """Return the 2 n poles s [rad/s] of M s^2 + D s + K for each of K sets, ascending in magnitude.
 
     One of each pair: the other one is NaN. Both of two real ones stay.
@@ -105,7 +108,7 @@ def poles_of(
 
 
 def amplitudes(
-    time: Float[np.ndarray, "T"], vibration: Float[np.ndarray, "3 T *K"], poles: Complex[np.ndarray, "modes"]
+    time: Float[np.ndarray, "T"], vibration: Float[np.ndarray, "3 T *K"], poles: Poles
 ) -> tuple[Complex[np.ndarray, "3 modes *K"], Float[np.ndarray, "3 *K"]]:
     """Return the amplitudes a of a free decay, and what rests [m], by least squares.
 
@@ -126,16 +129,11 @@ def amplitudes(
     return np.moveaxis(a, 0, 1), found[-1]
 
 
-def free_decay(
-    time: Float[np.ndarray, "T"],
-    arrival: float,
-    vibration: Float[np.ndarray, "3 T K"],
-    poles: Complex[np.ndarray, "modes K"],
-) -> Decay:
+def free_decay(time: np.ndarray, arrival: float, vibration: Float[np.ndarray, "3 T K"], poles: Poles) -> Decay:
     """Return the decay of K arms, each with its poles, from samples of a motion and the time after it.
 
     Args:
-        time: [s] uniform.
+        time: (T,) [s] uniform.
         arrival: [s]; from then on the arm is held.
         vibration: [m]
         poles: [rad/s]
@@ -146,11 +144,11 @@ def free_decay(
     return Decay(_rates(poles), np.abs(a), np.abs(rest))
 
 
-def _rates(poles: Complex[np.ndarray, "modes *K"]) -> Float[np.ndarray, "modes *K"]:
+def _rates(poles: Poles) -> Float[np.ndarray, "modes *K"]:
     return np.asarray(np.where(np.isnan(poles), 1.0, np.maximum(-poles.real, 0.0)))
 
 
-def largest_decay(whole: Superposition, arrival: float, poles: Complex[np.ndarray, "modes"]) -> Decay:
+def largest_decay(whole: Superposition, arrival: float, poles: Poles) -> Decay:
     """Return the decay of one arm with, for each mode by itself, the phases that make it largest: a bound."""
     late = int(np.searchsorted(whole.time, arrival - 1e-9))
     parts = np.concatenate([whole.sure[None], whole.cosine, whole.sine])[:, :, late:]

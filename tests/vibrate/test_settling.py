@@ -136,6 +136,7 @@ def test_two_seconds_tell_what_a_long_simulation_shows(method):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_most_of_a_hundred_arms_settle_in_the_promised_time():
     """Stiffness 5 %, damping as assumed, any phases; the promise by 200 draws, the truth by 400, the slowest exact."""
     file = ident.read_arm(DATA / "lcd_arm" / "arm.toml")

@@ -260,12 +260,8 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
 
-    limit: float | None = option(
-        None, "vibration [mm] that the end must not exceed in any direction, default 0.5", above=0.0
-    )
-    settled: float | None = option(
-        None, "instead: vibration [mm] below which the end must have settled after the dwell", above=0.0
-    )
+    limit: float | None = option(None, "vibration [mm] never to exceed in any direction; default 0.5", above=0.0)
+    settled: float | None = option(None, "instead: vibration [mm] to stay below after the dwell", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     softer: bool = option(False, "a remedy may also make joints softer")
     radius: dict[str, float] = option(

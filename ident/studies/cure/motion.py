@@ -36,17 +36,9 @@ class MotionOptions(HeldMotionOptions):
         above=0.0,
         high=1000.0,
     )
-    limit: float | None = option(
-        None,
-        "vibration [mm] that the end must not exceed in any direction; default: 0.5, or none with --settled",
-        above=0.0,
-    )
-    settled: float | None = option(
-        None, "vibration [mm] below which the end must stay, as soon after the start as possible", above=0.0
-    )
-    direction: str | None = option(
-        None, "with --settled: the direction that must settle; default: each", choices=("x", "y", "z")
-    )
+    limit: float | None = option(None, "vibration [mm] never to exceed; default 0.5, or none with --settled", above=0.0)
+    settled: float | None = option(None, "vibration [mm] below which the end must stay as soon as possible", above=0.0)
+    direction: str | None = option(None, "direction that must settle; default: each", choices=("x", "y", "z"))
     time: float | None = option(
         None, "time [s] in which to vibrate least; default: the least time that keeps the limit", above=0.0
     )
@@ -63,13 +55,10 @@ class MotionOptions(HeldMotionOptions):
 
     def problems(self) -> list[Problem]:
         """Refuse a direction of nothing, and a dwell too short to know a decay."""
-        found = []
-        if self.direction and self.settled is None:
-            found.append(Problem("direction", "it without settled", "a value to settle to", "give `settled`"))
-        if self.settled is not None and self.dwell < LEAST_DWELL:
-            got, expected = f"{self.dwell:g} s with settled", f"at least {LEAST_DWELL:g} s"
-            found.append(Problem("dwell", got, expected, "watch the decay for longer"))
-        return [*super().problems(), *found]
+        alone = Problem("direction", "it without settled", "a value to settle to", "give `settled`")
+        short = Problem("dwell", f"{self.dwell:g} s with settled", f"at least {LEAST_DWELL:g} s", "hold the arm longer")
+        wrong = self.direction and self.settled is None, self.settled is not None and self.dwell < LEAST_DWELL
+        return [*super().problems(), *(each for each, at in zip((alone, short), wrong, strict=True) if at)]
 
 
 class MotionResult(Result):

@@ -21,12 +21,16 @@ if TYPE_CHECKING:
     from ident.studies.cure.motion_study import MotionStudy
 
 
+TEACHING = 0.25
+"""Highest speed of the tool [m/s] at reduced speed: ISO 10218-1:2011, section 5.6.2."""
+
+
 def motion_sections(motions: "MotionStudy") -> Report:
     """Return the report of motions along a path."""
     return Report(
         f"Motions of {subject(motions.basis)}: {counted(len(motions.candidates), 'way')} along the same path",
         _verdict(motions),
-        (_touched(motions), _candidates(motions, _shown(motions))),
+        (_touched(motions), _candidates(motions, _shown(motions)), *_typed(motions)),
         tuple(_findings(motions)),
         next=_next(motions),
         details=tuple(_details(motions)),
@@ -35,49 +39,51 @@ def motion_sections(motions: "MotionStudy") -> Report:
 
 def _verdict(motions: "MotionStudy") -> Verdict:
     best, now, wanted = motions.recommended, motions.candidates[0], motions.wanted
-    limit = f"{MM * wanted.limit:g} mm"
+    words, until = [f"keeps the limit of {MM * wanted.limit:g} mm"] * bool(np.isfinite(wanted.limit)), "in"
     if wanted.settled is not None:
-        return _settled(motions)
+        way = f" in {DIRECTIONS[wanted.ways[0]]}" * (len(wanted.ways) == 1)
+        words, until = [*words, f"settles to {MM * wanted.settled:g} mm{way}"], "within"
+    keeps, quiet = " and ".join(words), min(motions.candidates, key=lambda each: each.worst)
     if best is None:
-        quiet = min(motions.candidates, key=lambda each: each.worst)
         least = f"the quietest is {quiet.name}: {MM * quiet.worst:.2f} mm in {quiet.time:.1f} s"
-        return Verdict("NOT MET", f"No motion keeps the limit of {limit} with confidence; {least}.", "bad")
-    keeps = f"keeps the limit of {limit} in {best.time:.1f} s"
+        return Verdict("NOT MET", f"No motion {keeps} with confidence; {least}.", "bad")
+    keeps += f" {until} {best.ready:.1f} s"
     if best is now:
         return Verdict("MET", f"The motion as it is {keeps}: no change is needed.", "good")
     compared = f"as it is: {MM * now.worst:.2f} mm in {now.time:.1f} s"
     largest = best.worst if best.verification is None else best.verification.largest
     size = f"{MM * largest:.2f} mm by the exact equations"
+    if best.verification is not None and best.verification.settled is not None:
+        keeps += f", with {100 * CONFIDENT:g} % probability"
+        size, compared = f"{best.verification.settled:.1f} s by the exact equations", f"as it is: {now.ready:.1f} s"
     return Verdict("MET", f"Recommended: {best.name}. It {keeps} ({size}; {compared}).", "good")
-
-
-def _settled(motions: "MotionStudy") -> Verdict:
-    best, now, wanted = motions.recommended, motions.candidates[0], motions.wanted
-    value = f"settles to {MM * (wanted.settled or 0.0):g} mm"
-    value += "" if len(wanted.ways) == 3 else f" in {DIRECTIONS[wanted.ways[0]]}"
-    both = f" and keeps {MM * wanted.limit:g} mm" if np.isfinite(wanted.limit) else ""
-    if best is None:
-        first = min(motions.candidates, key=lambda each: each.ready)
-        least = f"{first.name} {value} first, in {first.ready:.1f} s" if np.isfinite(first.ready) else "none settles"
-        return Verdict("NOT MET", f"No motion {value}{both} with confidence; {least}.", "bad")
-    sure = f"{value}{both} within {best.ready:.1f} s, with {100 * CONFIDENT:g} % probability"
-    if best is now:
-        return Verdict("MET", f"The motion as it is {sure}: no change is needed.", "good")
-    exact = f"{best.verification.settled:.1f} s by the exact equations" if best.verification else "not verified"
-    return Verdict("MET", f"Recommended: {best.name}. It {sure} ({exact}; as it is: {now.ready:.1f} s).", "good")
 
 
 def _touched(motions: "MotionStudy") -> str:
     share = motions.share_of_motion
     what = "shape the motion" if share > 0.5 else "shapers may help" if share > TOUCHED else "no shaper helps"
+    what += ", no ramp and no jerk time" * (share <= TOUCHED and any(each.typed for each in motions.candidates))
     return f"The motion itself makes {100 * share:.0f} % of the vibration as it is, the drives the rest: {what}."
 
 
+def _typed(motions: "MotionStudy") -> Iterator[str]:
+    """Yield the numbers to type, of the best setting first, and what it loses against the recommended motion."""
+    for each in sorted(motions.candidates, key=lambda each: each.kind != "best"):
+        if each.typed:
+            lost = each.ready - motions.recommended.ready if motions.recommended and each.kind == "best" else 0.0
+            more = f" ({lost:.1f} s later than recommended)" * (lost > 0 and motions.met(each))
+            yield f"{each.name[:1].upper()}{each.name[1:]}: {each.typed}{more}."
+
+
 def _shown(motions: "MotionStudy") -> tuple[Candidate, ...]:
-    """Return the candidates without shapers, except those that another beats in both time and vibration."""
+    """Return the candidates but for shapers that another beats in time and vibration; with knobs but for profiles."""
     shapers = [each for each in motions.candidates if each.kind == "shaper"]
     beaten = {one.name for one in shapers for each in shapers if each.time <= one.time and each.left < one.left}
-    return tuple(each for each in motions.candidates if each.name not in beaten or each is motions.recommended)
+    every, best = list(motions.candidates), motions.best_knobs
+    if any(each.typed for each in every):  # what a controller can be set to first, then what needs a joint path
+        every = [each for each in every if each.kind != "profile" or each is motions.recommended]
+        every.sort(key=lambda each: (each is not best, best is None or each.kind != "along the path"))
+    return tuple(each for each in every if each.name not in beaten or each is motions.recommended)
 
 
 def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Table:
@@ -119,6 +125,9 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
         yield Finding(text, "measure damping ratios: settling takes as long as damping is low")
     if not motions.basis.posterior:
         yield Finding("the stiffnesses count as exact", "add --posterior of ident sample")
+    if checked.tool > TEACHING:
+        text = f"the end moves at up to {MM * checked.tool:.0f} mm/s along the path: above {MM * TEACHING:g} mm/s"
+        yield Finding(f"{text}, the limit for teaching (ISO 10218-1)", "run it in automatic mode, or lower --speed")
     yield from all_findings(motions.basis)
 
 
@@ -135,7 +144,7 @@ def _details(motions: "MotionStudy") -> Iterator[Section]:
     rate, method = motions.scheduling.evaluator.rate, "fast, the proposed motion also exact"
     yield motion_section(basis, elastic_belts=False, rate=rate, method=method)
     if len(_shown(motions)) < len(motions.candidates):
-        meaning = "With the shapers than which another is quicker and leaves less."
+        meaning = "With all profiles, and the shapers than which another is quicker and leaves less."
         yield Section("All motions", (meaning, _candidates(motions, motions.candidates)))
     full = np.degrees(allowed.speed.max()) * (1 if basis.log else 100 / basis.percent)
     places, speeds = np.degrees(schedule.places), 100 * np.degrees(schedule.speeds) / full

@@ -1,18 +1,19 @@
 """Cures without a new part: the same path at other speeds, with other profiles, or shaped, in comparison."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
 from ident.arm.multibody import exciting_orders
 from ident.arm.parts import Stroke
 from ident.errors import refusal
 from ident.identify.unknowns import is_damping
 from ident.programs import Progress
+from ident.studies.cure.knobs import settings, typed
 from ident.studies.cure.remedies import CONFIDENT, keeping, tolerance_limit
 from ident.studies.scenario import Basis, over_phases
 from ident.vibrate.binomial import BinomialEstimate, binomial_estimate
@@ -21,13 +22,12 @@ from ident.vibrate.motion import PROFILES, Motion, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.response import belt_tension, peak, slack
 from ident.vibrate.schedule import RATE, Path, Schedule, Scheduling
-from ident.vibrate.settling import free_decay, largest_decay, poles_at, settling_time
+from ident.vibrate.settling import Poles, free_decay, largest_decay, poles_at, settling_time
 from ident.vibrate.shaping import shaped, shapers
 from ident.vibrate.simulate import Superposition, sample_times
 
-SLOWER = 0.95
-"""Factor from one tried speed to the next lower one, down to `SLOWEST` of the present speed; assumed."""
-SLOWEST = 0.2
+SPEEDS = 0.95 ** np.arange(32)
+"""Tried factors of the present speed, down to a fifth; assumed."""
 TRIES = 5
 """Speeds that keep the limit nominally and are judged by draws, at most; assumed."""
 LIMITS = ("speed", "acceleration", "jerk")
@@ -54,7 +54,7 @@ class Candidate:
 
     Attributes:
         name: in words.
-        kind: `as it is`, `speed`, `profile`, `shaper` or `along the path`.
+        kind: `as it is`, `speed`, `profile`, `shaper`, `knobs`, `best` for the best of these, or `along the path`.
         motion: of all driven joints, without dwell.
         peaks: (K,) [m] largest of the three directions, by draws of the unknowns: the phases, and the posterior.
         worst: [m] largest over the phases, of the nominal arm.
@@ -63,6 +63,7 @@ class Candidate:
         beyond: exceeded limits of the joints: speed, acceleration, jerk.
         settled: (K,) [s] from the start until the end has settled, by the same draws; None if not asked for.
         verification: by the exact equations; None if the motion was not proposed.
+        typed: numbers to type into the controller; empty if they are not known.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Candidate:
     beyond: tuple[str, ...]
     settled: Float[np.ndarray, "K"] | None = None
     verification: "MotionVerification | None" = None
+    typed: str = ""
 
     @property
     def time(self) -> float:
@@ -103,6 +105,7 @@ class MotionVerification:
         slack: names of belts with a span that would go slack: modelled as rigid it can't, so nothing is confirmed.
         settled: [s] from the start until the end has settled, by the exact equations; None if not asked for.
         ready: [s] within which most fresh draws have settled; None if not asked for, or without fresh draws.
+        tool: [m/s] highest speed of the end point.
     """
 
     largest: float
@@ -110,6 +113,7 @@ class MotionVerification:
     slack: tuple[str, ...] = ()
     settled: float | None = None
     ready: float | None = None
+    tool: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -178,10 +182,21 @@ class MotionStudy:
         return good and (not candidate.beyond or candidate.kind == "as it is")
 
     @property
+    def best_knobs(self) -> Candidate | None:
+        """The best setting of the controller's knobs; None without knobs for a ramp, or if no setting will do."""
+        return next((each for each in self.candidates if each.kind == "best"), None)
+
+    @property
     def recommended(self) -> Candidate | None:
         """The candidate that keeps the limit in the least time, or has settled then; None if none does."""
         good = [each for each in self.candidates if self.met(each)]
         return min(good, key=lambda each: (each.ready, each.kind != "as it is")) if good else None
+
+
+Named = tuple[str, str, Motion]
+"""Name, kind and motion of a candidate."""
+Judge = Callable[..., Candidate]
+"""Judges a motion by its name, kind and the motion."""
 
 
 def scheduling_of(
@@ -247,16 +262,20 @@ def motions(
     """
     judge, limit = partial(_candidate, basis, scheduling, wanted), wanted.limit
     search = _at_low_damping(basis, scheduling)
-    poles = poles_at(search.evaluator.arm, basis.motion, basis.loads)[:, 0]
+    settles = wanted.settled is not None
+    poles = poles_at(search.evaluator.arm, basis.motion, basis.loads)[:, 0] if settles else None
     before = scheduling.vibration(basis.motion)
     as_it_is = judge("as it is", "as it is", basis.motion, before)
     own = share_of_motion(scheduling, basis.motion)
     others = [judge(*each) for each in _profiles(basis, scheduling)]
     if own > TOUCHED:
         others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
-    others += _slower(search, basis, wanted, judge, poles)
+    soonest = partial(_soonest, search, wanted, judge, poles)
+    if (slower := soonest([("", "speed", basis.motion), *_overridden(basis)])) and slower.name:
+        others.append(slower)
+    others += _by_knobs(basis, search, judge, soonest)
     schedule, share, studies = None, 1.0, list[MotionStudy]()
-    constant = float(-1 / poles[np.isfinite(poles)].real.max())
+    constant = 0.0 if poles is None else float(-1 / poles[np.isfinite(poles)].real.max())
     for _ in range(TIGHTENED):
         if time is not None:
             schedule = scheduling.least_vibration(time, progress)
@@ -273,12 +292,12 @@ def motions(
             break
         high = float(np.quantile(found.peaks, CONFIDENT))
         share *= MARGIN * min(1.0, limit / checks.largest, limit / high)
-        if np.isfinite(found.ready):
+        if settles and np.isfinite(found.ready):
             share *= max(TIGHTEST, float(np.exp((found.time - found.ready) / constant)))
     study = studies[-1]
-    if wanted.settled is not None:
+    if settles:
         study = min(studies, key=lambda each: (not each.met(each.candidates[-1]), each.candidates[-1].ready))
-    while (best := study.recommended) and best.verification is None:  # only verified motions are proposed
+    while best := next((x for x in (study.recommended, study.best_knobs) if x and x.verification is None), None):
         checks = _verified(basis, scheduling, best.motion, scheduling.vibration(best.motion), fresh, wanted)
         every = tuple(replace(each, verification=checks) if each is best else each for each in study.candidates)
         study = replace(study, candidates=every)
@@ -344,7 +363,7 @@ def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, tuple[st
     return float(sizes[1].max()), tuple(name for name, kept in zip(LIMITS, within, strict=True) if not kept)
 
 
-def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, Motion]]:
+def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[Named]:
     """Yield the other profiles at the same speed; along a given path at the highest allowed everywhere."""
     (start, end), own, percent = scheduling.path.ends, basis.arm.stroke, basis.percent
     if basis.log is None and own is not None:
@@ -358,43 +377,53 @@ def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, 
             yield profile, "profile", scheduling.path.motion(stroke(alone, percent=percent, profile=profile))
 
 
-def _slower(
-    scheduling: Scheduling,
-    basis: Basis,
-    wanted: Wanted,
-    judge: Callable[..., Candidate],
-    poles: Complex[np.ndarray, "modes"],
+def _soonest(
+    scheduling: Scheduling, wanted: Wanted, judge: Judge, poles: Poles | None, tried: Iterable[Named]
+) -> Candidate | None:
+    """Return the first motion, of some by their time, that keeps what is wanted: with any phases, then by its draws."""
+    found: list[tuple[float, str, str, Motion]] = []
+    for name, kind, motion in tried:
+        if len(found) >= TRIES and motion.arrival >= found[TRIES - 1][0]:
+            break
+        whole, ready = scheduling.vibration(motion), motion.arrival
+        if poles is not None and wanted.settled is not None:
+            after = largest_decay(whole, motion.arrival, poles).settled(wanted.settled)
+            ready += float(after[list(wanted.ways)].max())
+        if whole.worst.max() <= wanted.limit:
+            found = sorted([*found, (ready, name, kind, motion)], key=lambda each: each[0])
+    judged = (judge(*each) for _, *each in found[:TRIES])
+    return next((each for each in judged if each.keeps(wanted.limit).share >= CONFIDENT), None)
+
+
+def _overridden(basis: Basis) -> Iterator[Named]:
+    """Yield the motion at lower speeds, on a slower clock; where a knob stretches time, at those that it takes."""
+    knob = basis.arm_file.knobs.get("time")
+    for factor in SPEEDS[1:]:
+        name, share = f"{factor * basis.percent:.3g} % speed", float(factor)
+        if knob:
+            name, share = typed(knob, factor * basis.percent / 100, 1.0)
+            share *= 100 / basis.percent
+        if share < 1:
+            yield name, "speed", basis.motion.at_speed(100 * share)
+
+
+def _by_knobs(
+    basis: Basis, scheduling: Scheduling, judge: Judge, soonest: Callable[..., Candidate | None]
 ) -> Iterator[Candidate]:
-    """Yield the motion at the highest lower speed that keeps the limit; none if it does already, or no speed does.
-
-    If it must settle, that at the lower speed with which it settles first with any phases, the limit kept.
-    """
-    factor, tries, limit = 1.0, TRIES, wanted.limit
-    if wanted.settled is not None:
-        best: tuple[float, Any] = np.inf, ()
-        while (factor := factor * SLOWER) > SLOWEST and basis.motion.arrival / factor < best[0]:
-            motion = basis.motion.at_speed(100 * factor)
-            whole = scheduling.vibration(motion)
-            after = largest_decay(whole, motion.arrival, poles).settled(wanted.settled)[list(wanted.ways)].max()
-            if whole.worst.max() <= limit and motion.arrival + after < best[0]:
-                best = motion.arrival + after, (f"{factor * basis.percent:.3g} % speed", "speed", motion, whole)
-        if best[1]:
-            yield judge(*best[1])
-        return
-    while factor > SLOWEST and tries:
-        motion = basis.motion.at_speed(100 * factor)
-        whole = scheduling.vibration(motion)
-        if whole.worst.max() <= limit:
-            found = judge(f"{factor * basis.percent:.3g} % speed", "speed", motion, whole)
-            if found.keeps(limit).share >= CONFIDENT:
-                if factor < 1:
-                    yield found
-                return
-            tries -= 1
-        factor *= SLOWER
+    """Yield the shortest ramp of whole periods without and with a jerk time, and the best setting of all."""
+    own, knobs = None if basis.log else basis.arm.stroke, basis.arm_file.knobs
+    how: Any = knobs, own, scheduling.path, basis.percent, scheduling.windows, SPEEDS[::2].tolist()
+    every = list(settings(*how)) if own else []
+    words = {name: text for name, text, _ in every}
+    for jerk in (False, True):
+        for name, text, motion in [each for each in every if ("jerk" in each[0]) == jerk][:1]:
+            yield replace(judge(name, "knobs", motion), typed=text)
+    within = [(name, "best", motion) for name, _, motion in every if not _kinematics(scheduling, motion)[1]]
+    if best := soonest(sorted(within, key=lambda each: each[2].arrival)):
+        yield replace(best, typed=words[best.name], name="best knobs")
 
 
-def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, Motion]]:
+def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[Named]:
     """Yield the motion shaped for the first mode, for both lowest ones, and between them, at the posture's frequencies.
 
     One ZVD at the root of the product of two close frequencies nearly acts like the shaper for both.
@@ -446,4 +475,5 @@ def _verified(
         keeps = keeping(drawn, np.zeros(0), wanted.limit)[1]
     spans = slack(response.time, belt_tension(response))
     belts = tuple(sorted({excited.belts[number].name for number, *_ in spans}))
-    return MotionVerification(float(np.max(peak(response.vibration))), keeps, belts, settled, ready)
+    tool = 2 * RATE * float(np.linalg.norm(np.diff(np.asarray(response.path), axis=1), axis=0).max())
+    return MotionVerification(float(np.max(peak(response.vibration))), keeps, belts, settled, ready, tool)

@@ -21,9 +21,9 @@ from ident.studies.basis import (
     without_transmission_error,
 )
 from ident.studies.scenario import DAMPING
-from ident.studies.working.simulation import LOW
 from ident.vibrate.binomial import share_of_variance
 from ident.vibrate.fast import passages
+from ident.vibrate.settling import settling_time
 from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ METHODS = {
     "fast": "fast, equations linearised about the quasi-static deflection",
     "exact": "exact equations of motion, integrated with error control",
 }
+LOW = math.exp(-1.645 * DAMPING)
+"""Share of the arm file's damping at its 5 % quantile."""
 QUANTILES = (0.05, 0.95)
 SLACK_LISTED = 4
 """Slack intervals of a span that are listed one by one."""
@@ -175,8 +177,9 @@ def _findings(simulation: "Simulation") -> Iterator[Finding]:
     yield from basis_findings(basis)
     drawn = basis.posterior.values if basis.posterior else {}
     if simulation.sizes.settled.max() > simulation.response.motion.arrival and not any(map(is_damping, drawn)):
-        text = f"settling counts damping as exact; with {percent(1 - math.exp(-LOW * DAMPING))} less: "
-        yield Finding(f"{text}{_seconds(simulation.late)}", "measure damping ratios, and give --posterior")
+        late = float(settling_time(simulation.response, simulation.settled, LOW).max())
+        text = f"settling counts damping as exact; with {percent(1 - LOW)} less: {_seconds(late)}"
+        yield Finding(text, "measure damping ratios, and give --posterior")
     if simulation.phases is None and simulation.arm.springs and basis.unknown.phases:
         yield Finding("only the arm file's imbalance phases were simulated: curved springs do not superpose")
     yield from assumption_findings(basis)

@@ -12,19 +12,15 @@ from jaxtyping import Float
 from ident.arm.arm import Arm
 from ident.measure import Trace
 from ident.studies.basis import alike
-from ident.studies.scenario import DAMPING, Basis, OverPhases, over_phases
+from ident.studies.scenario import Basis, OverPhases, over_phases
 from ident.vibrate.compare import Comparison
 from ident.vibrate.fast import LeavesTangentError
 from ident.vibrate.response import Response, belt_tension, slack
-from ident.vibrate.settling import settling_time
 from ident.vibrate.simulate import superposition
 from ident.vibrate.study import Draws, Sizes, measures
 
 if TYPE_CHECKING:
     from ident.vibrate.clock import Clock
-
-LOW = 1.645
-"""Standard errors from the median to the 5 % quantile."""
 
 
 @dataclass(frozen=True)
@@ -100,12 +96,6 @@ class Simulation:
     def sizes(self) -> Sizes:
         """Sizes of the vibration."""
         return measures(self.response, self.settled, self.at)
-
-    @property
-    def late(self) -> float:
-        """Time [s] until the end has settled, were its damping at the low end of what is known of it."""
-        low = float(np.exp(-LOW * DAMPING))
-        return float(settling_time(self.response, self.settled, low).max())
 
     @cached_property
     def phi(self) -> Float[np.ndarray, "3 N T"]:
