@@ -33,7 +33,7 @@ HALVINGS = 60
 """Halvings of the time in which the envelope meets a value: to the last digit."""
 
 
-Poles = Complex[np.ndarray, "modes *K"]
+Poles = Complex[np.ndarray, "modes *arms"]
 """Poles s [rad/s], one of each conjugate pair, NaN for the other."""
 Matrices = Float[np.ndarray, "n n K"]
 
@@ -144,7 +144,7 @@ def free_decay(time: np.ndarray, arrival: float, vibration: Float[np.ndarray, "3
     return Decay(_rates(poles), np.abs(a), np.abs(rest))
 
 
-def _rates(poles: Poles) -> Float[np.ndarray, "modes *K"]:
+def _rates(poles: Poles) -> Float[np.ndarray, "modes *arms"]:
     return np.asarray(np.where(np.isnan(poles), 1.0, np.maximum(-poles.real, 0.0)))
 
 

@@ -68,11 +68,13 @@ def _touched(motions: "MotionStudy") -> str:
 
 def _typed(motions: "MotionStudy") -> Iterator[str]:
     """Yield the numbers to type, of the best setting first, and what it loses against the recommended motion."""
-    for each in sorted(motions.candidates, key=lambda each: each.kind != "best"):
-        if each.typed:
-            lost = each.ready - motions.recommended.ready if motions.recommended and each.kind == "best" else 0.0
-            more = f" ({lost:.1f} s later than recommended)" * (lost > 0 and motions.met(each))
-            yield f"{each.name[:1].upper()}{each.name[1:]}: {each.typed}{more}."
+    rows = sorted((each for each in motions.candidates if each.typed), key=lambda each: each.kind != "best")
+    for each in rows:
+        lost = each.ready - motions.recommended.ready if motions.recommended and each.kind == "best" else 0.0
+        more = f" ({lost:.1f} s later than recommended)" * (lost > 0 and motions.met(each))
+        yield f"{each.name[:1].upper()}{each.name[1:]}: {each.typed}{more}."
+    if rows and motions.best_knobs is None:
+        yield "No setting of speed, ramp and jerk within the arm file's limits keeps what is asked for."
 
 
 def _shown(motions: "MotionStudy") -> tuple[Candidate, ...]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -415,9 +416,9 @@ def _by_knobs(
     how: Any = knobs, own, scheduling.path, basis.percent, scheduling.windows, SPEEDS[::2].tolist()
     every = list(settings(*how)) if own else []
     words = {name: text for name, text, _ in every}
-    for jerk in (False, True):
-        for name, text, motion in [each for each in every if ("jerk" in each[0]) == jerk][:1]:
-            yield replace(judge(name, "knobs", motion), typed=text)
+    firsts = ([each for each in every if ("jerk" in each[0]) == jerk][:1] for jerk in (False, True))
+    for name, text, motion in chain(*firsts):
+        yield replace(judge(name, "knobs", motion), typed=text)
     within = [(name, "best", motion) for name, _, motion in every if not _kinematics(scheduling, motion)[1]]
     if best := soonest(sorted(within, key=lambda each: each[2].arrival)):
         yield replace(best, typed=words[best.name], name="best knobs")
