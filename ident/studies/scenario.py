@@ -150,8 +150,7 @@ class Basis:
 
     def with_unknown_damping(self, count: int) -> "Basis":
         """Return the same with `count` draws of a common factor of the damping, unless the posterior has damping."""
-        drawn = self.posterior.values if self.posterior else {}
-        own = {} if any(map(is_damping, drawn)) else self.arm.numbers()
+        own = {} if self.posterior and any(map(is_damping, self.posterior.values)) else self.arm.numbers()
         damping = {path: float(x) for path, x in own.items() if is_damping(path) and path not in self.changed}
         return replace(self, unknown=replace(self.unknown, damping=damping, count=count))
 

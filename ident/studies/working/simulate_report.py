@@ -175,8 +175,7 @@ def _findings(simulation: "Simulation") -> Iterator[Finding]:
             yield Finding(text, "raise the pretension")
     yield from passage_findings(passages(simulation.arm, simulation.response))
     yield from basis_findings(basis)
-    drawn = basis.posterior.values if basis.posterior else {}
-    if simulation.sizes.settled.max() > simulation.response.motion.arrival and not any(map(is_damping, drawn)):
+    if simulation.sizes.settled.max() > simulation.response.motion.arrival and not any(map(is_damping, basis.draws)):
         late = float(settling_time(simulation.response, simulation.settled, LOW).max())
         text = f"settling counts damping as exact; with {percent(1 - LOW)} less: {_seconds(late)}"
         yield Finding(text, "measure damping ratios, and give --posterior")
