@@ -128,8 +128,8 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
     if not motions.basis.posterior:
         yield Finding("the stiffnesses count as exact", "add --posterior of ident sample")
     if checked.tool > TEACHING:
-        text = f"the end moves at up to {MM * checked.tool:.0f} mm/s along the path: above {MM * TEACHING:g} mm/s"
-        yield Finding(f"{text}, the limit for teaching (ISO 10218-1)", "run it in automatic mode, or lower --speed")
+        size = f"{MM * checked.tool:.0f} mm/s, above the teaching limit of {MM * TEACHING:g} mm/s"
+        yield Finding(f"the end moves at up to {size}", "lower --speed")
     yield from all_findings(motions.basis)
 
 
