@@ -600,8 +600,8 @@ class WorkspaceTable(Table):
         )
 
 
-TIMES, JERKS = "s ms", "% deg/s^3"
-KNOBS = {"time": "%", "speed": "% deg/s", "acceleration": "% deg/s^2", "ramp": TIMES, "jerk": JERKS, "jerk time": TIMES}
+KNOBS = {"time": "%", "speed": "% deg/s", "acceleration": "% deg/s^2", "jerk": "% deg/s^3"}
+KNOBS |= {"ramp": "s ms", "jerk time": "s ms"}
 """What a knob of a controller scales, and the units that it may have."""
 
 
@@ -631,8 +631,8 @@ class ControllerTable(Table):
     @model_validator(mode="after")
     def _one_each(self) -> "ControllerTable":
         scaled = [knob.scales for knob in self.knob]
-        if twice := [scales for scales in scaled if scaled.count(scales) > 1]:
-            raise complaint(f"several knobs that scale {twice[0]}", "one", "keep the one that is turned")
+        for twice in [scales for scales in scaled if scaled.count(scales) > 1][:1]:
+            raise complaint(f"several knobs that scale {twice}", "one", "keep the one that is turned")
         return self
 
 

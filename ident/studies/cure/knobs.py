@@ -55,7 +55,7 @@ def setting(knobs: Knobs, own: Stroke, speed: float, ramp: float, jerk_time: flo
         ramp: [s] from rest to that speed.
         jerk_time: [s] in which the acceleration rises; 0 for a jump.
     """
-    words = list[str]()
+    words: list[str] = []
 
     def turned(scales: str, value: float, full: float = 1.0) -> float:
         if scales not in knobs:

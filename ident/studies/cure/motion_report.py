@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ident.studies.cure.motion_study import MotionStudy
 
 
-TEACHING = 0.25
+TEACHING, TEACHING_WORDS = 0.25, "the teaching limit of 250 mm/s"
 """Highest speed of the tool [m/s] at reduced speed: ISO 10218-1:2011, section 5.6.2."""
 
 
@@ -128,8 +128,7 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
     if not motions.basis.posterior:
         yield Finding("the stiffnesses count as exact", "add --posterior of ident sample")
     if checked.tool > TEACHING:
-        size = f"{MM * checked.tool:.0f} mm/s, above the teaching limit of {MM * TEACHING:g} mm/s"
-        yield Finding(f"the end moves at up to {size}", "lower --speed")
+        yield Finding(f"the end moves at up to {MM * checked.tool:.0f} mm/s, above {TEACHING_WORDS}", "lower --speed")
     yield from all_findings(motions.basis)
 
 
