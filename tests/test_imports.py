@@ -130,18 +130,18 @@ def test_the_check_sees_imports():
 REACHES = {
     "predict": 16_800,
     "fit": 24_200,
-    "simulate": 20_900,
+    "simulate": 21_100,
     "sample": 26_600,
     "modal": 21_500,
-    "sweep": 21_000,
-    "motion": 24_400,
+    "sweep": 21_200,
+    "motion": 25_000,
     "plan": 25_900,
     "fleet": 29_400,
     "source": 23_900,
     "balance": 27_900,
     "joint": 14_800,
-    "triage": 23_600,
-    "diagnose": 48_700,
+    "triage": 23_700,
+    "diagnose": 49_200,
 }
 """Lines of the modules that a study can reach, with its report, figure, page and files: no more, rather less.
 

@@ -287,9 +287,10 @@ offer(
     motion,
     """Choose the speed along a path that keeps a limit of vibration.
 
-    Compares the motion as it is with slower ones, other profiles, input shapers, and a speed chosen along the path.
-    Writes ARM.MOTION.motion.json, .csv (the joint path, for the controller and ident simulate --path) and .png into the
-    folder given by --out. Exit status 3 where no motion keeps the limit.
+    Or one after which the end settles first (--settled). Compares the motion as it is with slower ones, other profiles,
+    input shapers, the controller's knobs, and a speed chosen along the path. Writes ARM.MOTION.motion.json, .csv (the
+    joint path, for the controller and ident simulate --path) and .png into the folder given by --out. Exit status 3
+    where no motion keeps the limit.
     """,
     posterior=flag("posterior of ident sample (.nc): the limit is kept with 95 % by its draws"),
 )

@@ -25,7 +25,7 @@ from ident.description.rewriting import (
     with_first_joint,
 )
 from ident.description.robot import JointsFile, Robot, beside, check_joints, read_joints, robot_root
-from ident.description.schema import BUSHING, SINGLE, ArmDocument, Origin, named, uncertain_numbers
+from ident.description.schema import BUSHING, SINGLE, ArmDocument, KnobTable, Origin, named, uncertain_numbers
 from ident.errors import ARM_FILE, InputError, Problem, refusal, refuse, require
 from ident.text import decode, one_line, read_bytes
 
@@ -101,6 +101,7 @@ class ArmFile:
         bushings: the file of its bushings for URDF or MJCF; None for TOML.
         notes: differences between the arm and its URDF or MJCF: held joints, ignored limits, other names.
         lines: TOML line of each quantity, by its name as `link2.com`.
+        knobs: of the controller, by what they scale.
     """
 
     arm: Arm
@@ -112,6 +113,7 @@ class ArmFile:
     bushings: JointsFile | None = None
     notes: tuple[str, ...] = ()
     lines: Mapping[str, int] = field(default_factory=dict)
+    knobs: Mapping[str, KnobTable] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """Return a short table of the arm, and its file."""
@@ -156,7 +158,8 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
         return robot_arm(path, digest)
     document = parse_document(text, where)
     parts = document.arm(), str(path), digest, document.origins(), document.extents()
-    return ArmFile(*parts, uncertain_numbers(document), lines=lines_of(text))
+    knobs: Any = {knob.scales: knob for knob in document.controller.knob} if document.controller else {}
+    return ArmFile(*parts, uncertain_numbers(document), lines=lines_of(text), knobs=knobs)
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:

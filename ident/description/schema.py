@@ -600,6 +600,42 @@ class WorkspaceTable(Table):
         )
 
 
+KNOBS = {"time": "%", "speed": "% deg/s", "acceleration": "% deg/s^2", "jerk": "% deg/s^3"}
+KNOBS |= {"ramp": "s ms", "jerk time": "s ms"}
+"""What a knob of a controller scales, and the units that it may have."""
+
+
+class KnobTable(Sourced):
+    """A number that a controller takes: its name there, what it scales, its unit, range and step."""
+
+    name: Annotated[Line, Field(min_length=1)]
+    scales: Literal["time", "speed", "acceleration", "ramp", "jerk", "jerk time"]
+    unit: str
+    range: Annotated[list[Annotated[float, Field(gt=0, le=LARGEST)]], Field(min_length=2, max_length=2), _ordered]
+    step: Annotated[float, Field(gt=0, le=LARGEST)]
+
+    @model_validator(mode="after")
+    def _possible(self) -> "KnobTable":
+        if self.unit not in (units := KNOBS[self.scales].split()):
+            raise complaint(quoted(self.unit), " or ".join(units), f"give that unit to what scales {self.scales}")
+        if self.scales == "time" and not self.range[0] <= 100 <= self.range[1]:
+            raise complaint(f"{self.range}", "a range with 100 %", "other knobs are set at an override of 100 %")
+        return self
+
+
+class ControllerTable(Table):
+    """The knobs of the controller, one for each quantity that it can scale."""
+
+    knob: Annotated[list[KnobTable], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _one_each(self) -> "ControllerTable":
+        scaled = [knob.scales for knob in self.knob]
+        for twice in [scales for scales in scaled if scaled.count(scales) > 1][:1]:
+            raise complaint(f"several knobs that scale {twice}", "one", "keep the one that is turned")
+        return self
+
+
 class Damped(Table):
     """A file of joints, with the default damping of joints without their own."""
 
@@ -632,6 +668,7 @@ class ArmDocument(Damped):
     spring: list[SpringTable] = Field(default_factory=list)
     cubic_spring: list[CubicSpringTable] = Field(default_factory=list)
     stroke: StrokeTable | None = None
+    controller: ControllerTable | None = None
     workspace: WorkspaceTable = Field(default_factory=WorkspaceTable)
 
     def arm(self) -> Arm:

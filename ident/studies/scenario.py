@@ -1,7 +1,7 @@
 """The basis of a simulation: the arm with fitted values, its motion, and the unknown phases of unbalance."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,7 @@ from ident.arm.chain import Loads
 from ident.arm.multibody import exciting_orders
 from ident.description.file import ArmFile
 from ident.identify.binding import loads_of
+from ident.identify.unknowns import is_damping
 from ident.identify.values import Values
 from ident.measure import OWN_WEIGHT, Load, Log
 from ident.vibrate.motion import Motion
@@ -26,6 +27,8 @@ UNSEEN_ORIGINS = ("assumed", "calibrated", "derived", "designed", "")
 """Origins with which a phase counts as unknown: not identified on this arm."""
 POSTURES = 200
 """Number of postures of a motion for the gears' own error."""
+DAMPING = 0.3
+"""Standard error of ln(damping) of which a posterior has no draws, one factor for all of an arm: assumed."""
 IDENTIFIED = "identified"
 """Origin of a number from a fit or a posterior, or of a set one."""
 
@@ -38,10 +41,14 @@ class Unknowns:
         phases: paths of the unknown phases of imbalance and transmission error.
         errors: lowest and highest amplitude [rad] of unknown transmission errors, by path, uniform between; the arm
             itself has the highest.
+        damping: numbers with an unknown common factor, log-normal, see `DAMPING`, by path [SI].
+        count: draws of all these where there is no posterior.
     """
 
     phases: tuple[str, ...] = ()
     errors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    damping: Mapping[str, float] = field(default_factory=dict)
+    count: int = 0
 
     @property
     def highest(self) -> dict[str, float]:
@@ -49,11 +56,13 @@ class Unknowns:
         return {path: high for path, (_, high) in self.errors.items()}
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Float[np.ndarray, "K"]]:
-        """Return draws of them, by path [rad]."""
+        """Return draws of them, by path [SI]."""
         rng = np.random.default_rng(seed)
         angles = rng.uniform(0.0, 2 * np.pi, (count, len(self.phases)))
         sizes = {path: rng.uniform(low, high, count) for path, (low, high) in self.errors.items()}
-        return dict(zip(self.phases, angles.T, strict=True)) | sizes
+        factor = np.exp(DAMPING * rng.normal(size=count))
+        damping = {path: value * factor for path, value in self.damping.items()}
+        return dict(zip(self.phases, angles.T, strict=True)) | sizes | damping
 
 
 def unknowns(
@@ -130,14 +139,20 @@ class Basis:
 
     @cached_property
     def draws(self) -> Mapping[str, Float[np.ndarray, "D"]]:
-        """Draws [SI] of the numbers not set and of the unknown excitation, by path; empty without a posterior."""
-        return self.drawn(self.posterior)
+        """Draws [SI] of the numbers not set and of the unknowns, by path; empty without a posterior, or a `count`."""
+        return self.drawn(self.posterior, count=self.unknown.count)
 
-    def drawn(self, posterior: Values | None, seed: int = 0) -> Mapping[str, Float[np.ndarray, "D"]]:
-        """Return draws of a posterior for the numbers that were not set, and as many of the unknown excitation."""
+    def drawn(self, posterior: Values | None, seed: int = 0, count: int = 0) -> Mapping[str, Float[np.ndarray, "D"]]:
+        """Return draws of a posterior for the numbers that were not set, and as many of the unknowns; else `count`."""
         values = posterior.without(self.changed) if posterior else {}
-        count = len(next(iter(values.values()))) if values else 0
-        return values | self.unknown.draws(count, seed) if values else {}
+        count = len(next(iter(values.values()))) if values else count
+        return {**self.unknown.draws(count, seed), **values} if count else {}
+
+    def with_unknown_damping(self, count: int) -> "Basis":
+        """Return the same with `count` draws of a common factor of the damping, unless the posterior has damping."""
+        own = {} if self.posterior and any(map(is_damping, self.posterior.values)) else self.arm.numbers()
+        damping = {path: float(x) for path, x in own.items() if is_damping(path) and path not in self.changed}
+        return replace(self, unknown=replace(self.unknown, damping=damping, count=count))
 
     @cached_property
     def gear_error(self) -> float:

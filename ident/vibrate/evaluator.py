@@ -292,6 +292,12 @@ class Evaluator:
             raise ModelError(self._collapse(changes) or str(error)) from None
         return whole.reshape((3, len(changes), self.size))
 
+    def drawn_vibration(self) -> Float[np.ndarray, "3 T D"]:
+        """Return the vibration of each draw [m]."""
+        nothing = np.zeros((1, len(self.variables)))
+        numbers = {path: values[1:] for path, values in self.batch(nothing).items()}
+        return np.asarray(vibrations(self.arm, numbers, self._solver(nothing)))[:, :, 0]
+
     def step_for(self, changes: Float[np.ndarray, "G V"]) -> float:
         """Return the time step [s] that the stiffest arm after these changes needs, some of them at a time."""
         numbers, count = self.batch(changes), len(changes) * self.size

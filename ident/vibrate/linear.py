@@ -522,7 +522,6 @@ def _slow(
     length = (grid.step * grid.steps)[:, None]
     smooth, commanded = balanced(model), command(model, motion, grid.nodes.ravel())
     y = quasi_static_deflection(arm, model, commanded.q, loads)
-    none = jnp.zeros_like(y)
 
     def by_interval(x: Array) -> Array:
         return x.reshape((*x.shape[:-1], len(grid.start), NODES))
@@ -535,20 +534,30 @@ def _slow(
         return residual_of(smooth, eqx.tree_at(lambda t: t.pin, turning, Turning(*angles)), *line)
 
     still = jnp.zeros((model.joints, *y.shape[1:]))
-    M = slope(lambda ydd: residual(smooth, commanded, y, none, ydd), none)
-    D = slope(lambda yd: residual(smooth, commanded, y, yd, none), none)
-    off, lost = residual_of(smooth, turning, *line), _lost(smooth, commanded, y, M)
+    M, D, K, lost = matrices(smooth, commanded, y)
+    off = residual_of(smooth, turning, *line)
     if lost is not None:
         D, off = D + lost, off + matvec(lost, line[1])
     slow = {
         "quasi_static": y,
-        "K": slope(lambda y: residual(smooth, commanded, y, none, none), y),
+        "K": K,
         "by_pin": tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
         "residual": off,
         "lost": lost,
         "kinematics": kinematics(smooth, turning.pin, *(bushing_rotations(model, part) for part in line)),
     }
     return jax.tree.map(lambda x: jnp.moveaxis(by_interval(x), -2, 0), (M, D, slow))
+
+
+def matrices(
+    model: Multibody, commanded: Command, y: Float[Array, "n *batch"]
+) -> tuple[Array, Array, Array, Array | None]:
+    """Return mass, damping and stiffness (n, n, *batch) of a model that nothing excites, and what `_lost` adds."""
+    none = jnp.zeros_like(y)
+    M = slope(lambda ydd: residual(model, commanded, y, none, ydd), none)
+    D = slope(lambda yd: residual(model, commanded, y, yd, none), none)
+    K = slope(lambda y: residual(model, commanded, y, none, none), y)
+    return M, D, K, _lost(model, commanded, y, M)
 
 
 def _lost(

@@ -125,21 +125,6 @@ def rms(vibration: Vibration) -> Float[AnyArray, "3 *batch"]:
     return library(vibration).sqrt((vibration**2).mean(1))
 
 
-def settling_time(response: Response, tolerance: float) -> Float[np.ndarray, "3 *batch"]:
-    """Return how long after arrival each direction stays beyond the tolerance [m] for the last time [s].
-
-    Infinite where the response ends before it stays within.
-    """
-    time = np.asarray(response.time)
-    late = time >= response.motion.arrival - 1e-9
-    if not late.any():
-        return np.full(response.vibration.shape[:1] + response.vibration.shape[2:], np.inf)
-    beyond = np.abs(np.asarray(response.vibration)[:, late]) > tolerance
-    last = beyond.shape[1] - 1 - np.argmax(beyond[:, ::-1], 1)
-    after = np.append(time[late], np.inf)[last + 1] - response.motion.arrival
-    return np.where(beyond.any(1), after, 0.0)
-
-
 @jit
 def gear_error(arm: Arm, postures: Float[AnyArray, "driven T"]) -> Float[Array, "3 T"]:
     """Return how far transmission errors move the end point of the resting arm [m], with their worst phases."""

@@ -240,12 +240,29 @@ class Schedule:
         return self.path.motion(averaged(averaged(evenly, self.windows[0]), self.windows[1]))
 
 
+Settling = tuple[Float[np.ndarray, "3"], float]
+"""Values [m] below which each direction must settle, infinite for none, and the time constant of the decay [s]."""
+
+
 @dataclass(frozen=True)
 class _Aim:
-    """Aim of a search: the least time with ln(vibration) at a level, or the least vibration in a time [s]."""
+    """Aim of a search: the least time with ln(vibration) at a level, or the least vibration in a time [s].
 
-    level: float = 0.0
+    Attributes:
+        level: of each bin, or of all.
+        weight: of what exceeds it; 0 for no limit.
+        time: [s]
+        settles: whether the weight of what exceeds it after the arrival is the time that its decay takes.
+    """
+
+    level: float | Float[np.ndarray, "bins"] = 0.0
+    weight: float | Float[np.ndarray, "bins"] = 1.0
     time: float | None = None
+    settles: bool = False
+
+    def excess(self, now: Float[np.ndarray, "bins"]) -> float:
+        """Return the largest weighted excess of ln(vibration)."""
+        return float((self.weight * (now - self.level)).max())
 
     @property
     def gain(self) -> float:
@@ -254,12 +271,14 @@ class _Aim:
 
     def cost(self, schedule: Schedule, now: Float[np.ndarray, "bins"]) -> float:
         """Return the cost to minimise: an exact penalty function."""
-        excess = float(now.max()) - self.level
+        excess = self.excess(now)
         return float(np.log(schedule.duration)) + PENALTY * (excess if self.time else max(0.0, excess))
 
     def rank(self, schedule: Schedule, now: Float[np.ndarray, "bins"]) -> tuple[bool, float]:
-        """Sort schedules within the limit by their time, then the others by their vibration."""
-        excess = float(now.max()) - self.level - CLOSE / 2
+        """Sort schedules within the limit by their time, then the others by their vibration; or all by their cost."""
+        if self.settles:
+            return False, self.cost(schedule, now)
+        excess = self.excess(now) - CLOSE / 2
         keeps = self.time is None and excess <= 0
         return not keeps, schedule.duration if keeps else excess
 
@@ -339,17 +358,27 @@ class Scheduling:
             np.maximum.at(largest[way], bins.astype(int), envelope[way])
         return np.log(largest.ravel())
 
-    def least_time(self, limit: float, progress: Progress = iter, near: Schedule | None = None) -> Schedule:
+    def least_time(
+        self, limit: float, progress: Progress = iter, near: Schedule | None = None, settled: Settling | None = None
+    ) -> Schedule:
         """Return the schedule of least time within a limit [m] for all values of the unknown phases.
 
-        If none keeps the limit, return the quietest schedule of the search.
+        If none keeps the limit, return the quietest schedule of the search. With `settled` the time until the vibration
+        stays below a value: what exceeds the value after the arrival by a factor r costs the time constant times ln r.
 
         Args:
-            limit: [m]
+            limit: [m]; infinite for none.
             progress: shows progress over the steps of the search.
             near: a schedule to start from; the best of a few when None.
+            settled: the values, and the time constant.
         """
-        aim = _Aim(float(np.log(limit)) - CLOSE / 2)
+        level, weight = np.full((3, BINS + LATER), limit), np.full((3, BINS + LATER), 1.0)
+        if settled:
+            level[:, BINS:] = settled[0][:, None]
+            weight[:, BINS:] = settled[1] / PENALTY / float(self.evaluator.motion.arrival)
+        free = np.isinf(level)
+        level, weight = np.where(free, 1.0, level), np.where(free, 0.0, weight)
+        aim = _Aim(np.log(level).ravel() - CLOSE / 2, weight.ravel(), settles=settled is not None)
         return self._search([near] if near else self._starts(), aim, progress)
 
     def least_vibration(self, time: float, progress: Progress = iter) -> Schedule:
@@ -404,11 +433,12 @@ class Scheduling:
             highest = np.clip(np.log(self.allowed.speed) - u, 0.0, region)
             lowest = np.clip(floor - u, -region, 0.0)
             bounds = [*zip(lowest, highest, strict=True), (None if aim.time else 0.0, None)]
-            rows = np.hstack([slopes, -np.ones((len(now), 1))])
+            weight = np.broadcast_to(aim.weight, now.shape)
+            rows = np.hstack([weight[:, None] * slopes, -np.ones((len(now), 1))])
             costs = np.append(slower, PENALTY)
             cost, line, most = aim.cost(schedule, now), now, 0.0
             for _ in range(TRIES):
-                answer = linprog(costs, A_ub=rows, b_ub=aim.level - line, bounds=bounds)
+                answer = linprog(costs, A_ub=rows, b_ub=weight * (aim.level - line), bounds=bounds)
                 if answer.status:
                     raise ModelError(f"no schedule found: {answer.message}")
                 step = answer.x[:count]

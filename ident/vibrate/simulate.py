@@ -180,7 +180,10 @@ MEASURES = {
     "peak": "largest magnitude over the motion",
     "rms": "root mean square over the motion",
     "residual": "largest magnitude after arrival",
+    "settled": "largest magnitude after the dwell",
 }
+AFTERWARDS = 2.0
+"""Time [s] at the end of a motion that is after the dwell: a beat of two modes half a hertz apart; assumed."""
 WINDOW = 0.1
 """Length [s] of the windows whose maxima a peak is the largest of; half a period of 4 to 5 Hz."""
 
@@ -220,6 +223,8 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
         first = int(np.searchsorted(time, motion.arrival - 1e-9))
         if first > len(time) - 2:
             raise refusal("", "a motion that ends at its arrival", "time after it", "hold the arm (`dwell`)", "measure")
+    elif measure == "settled":
+        first = int(np.searchsorted(time, float(motion.breaks[-1]) - AFTERWARDS - 1e-9))
     return Amplitude(measure, np.asarray(first), np.asarray(len(time)), max(1, round(WINDOW * rate)))
 
 
@@ -274,6 +279,11 @@ class Superposition:
     sure: Float[np.ndarray, "3 T"]
     cosine: Float[np.ndarray, "U 3 T"]
     sine: Float[np.ndarray, "U 3 T"]
+
+    def since(self, first: int) -> "Superposition":
+        """Return the same from a sample on."""
+        parts = {name: getattr(self, name)[..., first:] for name in ("time", "sure", "cosine", "sine")}
+        return replace(self, **parts)
 
     @cached_property
     def envelope(self) -> Float[np.ndarray, "3 T"]:

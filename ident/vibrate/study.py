@@ -13,7 +13,8 @@ from ident.programs import AnyArray, Progress, in_batches
 from ident.text import no_such
 from ident.vibrate.compare import Comparison, Trace, compare
 from ident.vibrate.motion import Motion
-from ident.vibrate.response import Response, peak, rms, settling_time
+from ident.vibrate.response import Response, peak, rms
+from ident.vibrate.settling import settling_time
 from ident.vibrate.simulate import RATE, simulate
 
 DIRECTIONS = ("x", "y", "z")
@@ -30,14 +31,14 @@ class Sizes:
         peak: [m] largest magnitude.
         rms: [m] over the whole time.
         residual: [m] largest magnitude after arrival; NaN where no sample is that late.
-        settling: [s] after arrival until it stays within the tolerance; infinite where it does not, NaN as above.
+        settled: [s] from the start until it stays below a value for good, see `settling_time`.
         late: [m] largest magnitude from a time on; NaN where no time was given.
     """
 
     peak: Float[np.ndarray, "3 *draws"]
     rms: Float[np.ndarray, "3 *draws"]
     residual: Float[np.ndarray, "3 *draws"]
-    settling: Float[np.ndarray, "3 *draws"]
+    settled: Float[np.ndarray, "3 *draws"]
     late: Float[np.ndarray, "3 *draws"]
 
 
@@ -130,16 +131,17 @@ def draw(
     return Draws(own, vibration, Sizes(**sizes))
 
 
-def measures(response: Response, tolerance: float, at: float | None = None) -> Sizes:
-    """Return the sizes of a response; the tolerance [m] is that of the settling time."""
+def measures(response: Response, settled: float, at: float | None = None) -> Sizes:
+    """Return the sizes of a response; settled below a value [m]."""
     vibration = response.vibration
     none = np.full((3, *vibration.shape[2:]), np.nan)
     end, arrival = float(response.time[-1]), response.motion.arrival
     arrived = end >= arrival - 1e-9
     residual = np.asarray(peak(response.after(arrival))) if arrived else none
-    settling = settling_time(response, tolerance) if arrived else none
     late = none if at is None or at > end + 1e-9 else np.asarray(peak(response.after(at)))
-    return Sizes(np.asarray(peak(vibration)), np.asarray(rms(vibration)), residual, settling, late)
+    return Sizes(
+        np.asarray(peak(vibration)), np.asarray(rms(vibration)), residual, settling_time(response, settled), late
+    )
 
 
 def against(

@@ -12,7 +12,7 @@ from ident.vibrate.motion import Motion
 def candidate(arrival):
     motion = Motion("", np.array([0.0, arrival]), np.zeros((1, 1, 3)), arrival)
     checked = MotionVerification(4e-4, None)
-    return Candidate(f"{arrival:g}", "speed", motion, np.full(5, 4e-4), 4e-4, 0.0, 1.0, (), checked)
+    return Candidate(f"{arrival:g}", "speed", motion, np.full(5, 4e-4), 4e-4, 0.0, 1.0, (), None, checked)
 
 
 def test_added_time_is_the_difference_of_the_times_beside_it():

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 import ident
 from ident.errors import InputError
 from ident.measure import read_log
-from ident.studies.cure.motion_study import share_of_motion
+from ident.studies.cure.motion_study import Wanted, share_of_motion
 from ident.vibrate.motion import stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.simulate import simulate
@@ -64,7 +64,7 @@ def test_the_speed_along_the_path_vibrates_less_in_the_least_time(result):
     assert slower.time > as_it_is.time
     assert [each.name for each in others if each.kind == "profile"] == ["s-curve", "trapezoid", "minimum-jerk"]
     assert not result.short
-    unmet = replace(result, motions=replace(result.motions, limit=1e-7))
+    unmet = replace(result, motions=replace(result.motions, wanted=Wanted(1e-7)))
     assert unmet.short
     assert unmet.sections().verdict.word == "NOT MET"
 
@@ -134,7 +134,7 @@ def test_along_a_given_path_joints_keep_their_limits(limited, quick, run, tmp_pa
 
     def found(basis, scheduling, **asked):
         searched.append(scheduling)
-        return replace(quick.motions, basis=basis, scheduling=scheduling, limit=asked["limit"])
+        return replace(quick.motions, basis=basis, scheduling=scheduling, wanted=asked["wanted"])
 
     monkeypatch.setattr("ident.studies.cure.motion_study.motions", found)
     result = ident.motion(limited, path=log, limit=0.75, **FULL)

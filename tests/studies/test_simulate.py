@@ -130,7 +130,7 @@ def test_what_no_sample_shows_is_not_told(more):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"tolerance": 0.0}, "tolerance: got 0, expected a number above 0"),
+        ({"settled": 0.0}, "settled: got 0, expected a number above 0"),
         ({"limit": float("inf")}, "limit: got inf, expected a number above 0"),
         ({"draws": 0}, "draws: got 0, expected a number from 1"),
         ({"set": {"link2.mass": -3.0}}, "set: got link2.mass=-3, expected a value >= 0"),

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
-from ident.errors import InputError, refusal
+from ident.errors import InputError, Problem, refusal
 from ident.studies.cause.source import MOST_DRAWS, SourceOptions
 from ident.studies.cure.balance import BalanceOptions, pulley_of
 from ident.studies.cure.effort import DiagnosisEffort
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 # -------- Diagnose stages
 # The stages of a diagnosis, in the order of `carry_out`.
 
+LIMIT, AFTERWARDS = 0.5, 2.0
+"""Limit [mm] unless asked otherwise, and time [s] after the dwell: that of `ident.vibrate.simulate`."""
 V = TypeVar("V")
 """Value of a stage."""
 OnStage = Callable[["StageReport"], None]
@@ -239,7 +241,10 @@ def _task(job: Job, draws: "Values") -> "Task":
     from ident.studies.cure.remedies import Task, at_confidence
 
     basis = basis_of(job.arm, job.options, path=job.log, posterior=draws)
-    return at_confidence(Task(basis, job.options.limit / 1e3, job.options.effort, job.options.softer))
+    options, measure = job.options, "settled" if job.options.settled else "peak"
+    basis = basis.with_unknown_damping(0) if options.settled else basis
+    limit = (options.settled or options.limit or LIMIT) / 1e3
+    return at_confidence(Task(basis, limit, options.effort, options.softer, measure))
 
 
 # -------- Diagnose
@@ -255,7 +260,8 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
 
-    limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
+    limit: float | None = option(None, "vibration [mm] never to exceed in any direction; default 0.5", above=0.0)
+    settled: float | None = option(None, "instead: vibration [mm] to stay below after the dwell", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     softer: bool = option(False, "a remedy may also make joints softer")
     radius: dict[str, float] = option(
@@ -265,6 +271,16 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
     )
     effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
     force: bool = False
+
+    @property
+    def hold(self) -> float:
+        """The dwell [s], and the time after it in which the end must have settled."""
+        return self.dwell + (AFTERWARDS if self.settled else 0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse two limits."""
+        both = Problem("settled", "it with limit", "one of them", "diagnose once for each")
+        return [*super().problems(), *([both] if self.settled and self.limit else [])]
 
     def recorded(self) -> dict[str, Any]:
         """Return the options as result files record them, with the effort."""

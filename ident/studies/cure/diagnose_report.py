@@ -106,7 +106,7 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
     peak, limit = float(vibration.peak.max()), vibration.limit
     size = f"{beside(MM * peak, MM * limit)} mm"
     chance = f"probability of keeping it {chance_words(vibration.keeps)} (95 % interval)"
-    compared = f"{size} {'is within' if peak <= limit else 'exceeds'} the limit of {MM * limit:g} mm"
+    compared = f"{size} {'is within' if peak <= limit else 'exceeds'} {limit_words(vibration)}"
     end = f"; {gears}." if (gears := gear_words(diagnosis.task.basis)) else "."
     if diagnosis.in_doubt:
         doubtful, excited = bool(diagnosis.identification.sampled.fitted.doubts), diagnosis.excited
@@ -119,6 +119,12 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
         asked = f"{100 * CONFIDENT:g} % is required"
         return Verdict("NOT DECIDED", f"{compared}, but not safely: {chance}, {asked}{end}", "caution")
     return Verdict("NOT OK", f"{compared}; {chance}{end}", "bad")
+
+
+def limit_words(vibration: "VibrationAssessment") -> str:
+    """Write the limit, and which vibration it is for."""
+    limit = f"the limit of {MM * vibration.limit:g} mm"
+    return limit + " for what is left after the dwell" * (vibration.measure == "settled")
 
 
 def chance_words(estimate: "BinomialEstimate") -> str:
@@ -247,7 +253,9 @@ def remedy_command(diagnosis: "Diagnosis") -> str:
         study, sets = "motion" if best.schedule else "simulate", sets | best.values
         changed = f" --speed {best.percent:g}" * (best.percent != basis.percent)
     changed += "".join(f" --set {path}={value:.6g}" for path, value in sets.items())
-    return f"ident {study} {{arm}} --limit {MM * diagnosis.task.limit:g} --posterior {{result}}.nc{changed}"
+    settles = diagnosis.task.measure == "settled"
+    option = "measure residual --limit" if settles and study == "design" else "settled" if settles else "limit"
+    return f"ident {study} {{arm}} --{option} {MM * diagnosis.task.limit:g} --posterior {{result}}.nc{changed}"
 
 
 def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import field
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ident.errors import Problem
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
     from ident.studies.cure.motion_study import MotionStudy
     from ident.studies.stiffness.sample import SampleResult
 
+LEAST_DWELL = 1.0
+"""Least time [s] from which a decay is known: `WATCHED` of `ident.vibrate.settling`."""
+
 
 class MotionOptions(HeldMotionOptions):
     """Options of `ident.motion`: the present motion, the limit, and the resolution of the speed along the path."""
@@ -31,7 +36,9 @@ class MotionOptions(HeldMotionOptions):
         above=0.0,
         high=1000.0,
     )
-    limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
+    limit: float | None = option(None, "vibration [mm] never to exceed; default 0.5, or none with --settled", above=0.0)
+    settled: float | None = option(None, "vibration [mm] below which the end must stay as soon as possible", above=0.0)
+    direction: str | None = option(None, "direction that must settle; default: each", choices=("x", "y", "z"))
     time: float | None = option(
         None, "time [s] in which to vibrate least; default: the least time that keeps the limit", above=0.0
     )
@@ -45,6 +52,13 @@ class MotionOptions(HeldMotionOptions):
     def hold(self) -> float:
         """Zero [s]: the study adds the dwell, not the motion."""
         return 0.0
+
+    def problems(self) -> list[Problem]:
+        """Refuse a direction of nothing, and a dwell too short to know a decay."""
+        alone = Problem("direction", "it without settled", "a value to settle to", "give `settled`")
+        short = Problem("dwell", f"{self.dwell:g} s with settled", f"at least {LEAST_DWELL:g} s", "hold the arm longer")
+        wrong = self.direction and self.settled is None, self.settled is not None and self.dwell < LEAST_DWELL
+        return [*super().problems(), *(each for each, at in zip((alone, short), wrong, strict=True) if at)]
 
 
 class MotionResult(Result):
@@ -64,7 +78,7 @@ class MotionResult(Result):
 
     subject = "motions.basis.name"
     made_from = ("motions.basis.sources",)
-    summarised = ("time", "vibration", "keeps")
+    summarised = ("time", "vibration", "keeps", "ready")
 
     time: ClassVar[float] = alias("motions.schedule.duration")
     vibration: ClassVar[float] = alias("motions.verification.largest")
@@ -74,6 +88,12 @@ class MotionResult(Result):
         """Probability that these speeds keep the limit, by fresh draws [-]; None without a posterior."""
         kept = self.motions.verification.keeps
         return None if kept is None else kept.share
+
+    @property
+    def ready(self) -> float | None:
+        """Time [s] from the start within which most draws of the recommended motion have settled; None if not asked."""
+        best = self.motions.recommended
+        return None if best is None or best.settled is None else best.ready
 
     @property
     def short(self) -> bool:
@@ -105,7 +125,7 @@ def motion(
     posterior: "Values | SampleResult | str | Path | None" = None,
     progress: Progress = silent,
 ) -> MotionResult:
-    """Choose the speed along the stroke, or a path, so that the arm keeps a limit of vibration in the least time.
+    """Choose the speed along the stroke, or a path: a limit of vibration kept, or the end settled, in the least time.
 
     Compared with the present motion, slower ones, other profiles and, where the motion itself excites the arm, input
     shapers. The path stays; the proposal is verified by the exact equations and by fresh draws.
@@ -122,19 +142,23 @@ def motion(
         InputError: an arm without excitation; a time out of reach; a path with a corner, or that starts moving.
         ModelError: the arm collapses.
     """
-    from ident.studies.cure.motion_study import motions, scheduling_of
+    from ident.studies.cure.motion_study import Wanted, motions, scheduling_of
     from ident.vibrate.simulate import refuse_jumps
 
     judging, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
     basis = basis_of(arm, options, path=path, fit=fit, posterior=judging)
     refuse_jumps(basis.arm, basis.motion)
+    limit, settled = options.limit or (0.5 if options.settled is None else inf), None
+    ways = tuple(k for k in range(3) if options.direction in (None, "xyz"[k]))
+    if options.settled is not None:
+        basis, settled = basis.with_unknown_damping(options.draws), options.settled / 1e3
     stroke = None if path else basis.arm.stroke
     found = motions(
         basis,
         scheduling_of(basis, stroke, segments=options.segments, dwell=options.dwell, retract=options.retract),
-        limit=options.limit / 1e3,
+        wanted=Wanted(limit / 1e3, settled, ways),
         time=options.time,
-        fresh=basis.drawn(fresh, seed=1),
+        fresh=basis.drawn(fresh, seed=1, count=options.fresh if settled and not judging else 0),
         progress=progress("speeds along the path"),
     )
     return MotionResult(found, options)

@@ -37,7 +37,8 @@ def motion_figure(motions: "MotionStudy") -> Figure:
             top.plot(np.degrees(along), np.where(speeds < 1.3 * highest, speeds, np.nan), **style)
     for whole, style in ((motions.before, BEFORE), (motions.after, AFTER)):
         below.plot(whole.time, MM * whole.envelope.max(0), **style)
-    below.axhline(MM * motions.limit, **LIMIT)
+    line = motions.limit if np.isfinite(motions.limit) else motions.wanted.settled or 0.0
+    below.axhline(MM * line, **LIMIT)
     for axes in (top, below):
         plain(axes, grid=True)
         axes.set_ylim(bottom=0)
@@ -50,7 +51,7 @@ def motion_figure(motions: "MotionStudy") -> Figure:
         Line2D([], [], label="speed along the path", **AFTER),
         Line2D([], [], label="a pulley meets mode 1", **MODES[0]),
         Line2D([], [], label="mode 2", **MODES[1]),
-        Line2D([], [], label=f"limit, {MM * motions.limit:g} mm", **LIMIT),
+        Line2D([], [], label=f"limit, {MM * line:g} mm", **LIMIT),
     ]
     key_below(figure, handles, "fast method; largest of X, Y, Z", columns=5)
     return figure

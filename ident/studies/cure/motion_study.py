@@ -1,8 +1,10 @@
 """Cures without a new part: the same path at other speeds, with other profiles, or shaped, in comparison."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,8 +12,10 @@ from jaxtyping import Float
 from ident.arm.multibody import exciting_orders
 from ident.arm.parts import Stroke
 from ident.errors import refusal
+from ident.identify.unknowns import is_damping
 from ident.programs import Progress
-from ident.studies.cure.remedies import CONFIDENT, keeping
+from ident.studies.cure.knobs import settings, typed
+from ident.studies.cure.remedies import CONFIDENT, keeping, tolerance_limit
 from ident.studies.scenario import Basis, over_phases
 from ident.vibrate.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.evaluator import Draws, Evaluator, exact_response
@@ -19,12 +23,12 @@ from ident.vibrate.motion import PROFILES, Motion, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.response import belt_tension, peak, slack
 from ident.vibrate.schedule import RATE, Path, Schedule, Scheduling
+from ident.vibrate.settling import Poles, free_decay, largest_decay, poles_at, settling_time
 from ident.vibrate.shaping import shaped, shapers
-from ident.vibrate.simulate import Superposition
+from ident.vibrate.simulate import Superposition, sample_times
 
-SLOWER = 0.95
-"""Factor from one tried speed to the next lower one, down to `SLOWEST` of the present speed; assumed."""
-SLOWEST = 0.2
+SPEEDS = 0.95 ** np.arange(32)
+"""Tried factors of the present speed, down to a fifth; assumed."""
 TRIES = 5
 """Speeds that keep the limit nominally and are judged by draws, at most; assumed."""
 LIMITS = ("speed", "acceleration", "jerk")
@@ -39,6 +43,10 @@ TIGHTENED = 3
 """Searches at most, each with a tighter limit until exact equations and draws keep the requested one; assumed."""
 MARGIN = 0.98
 """Additional factor when a limit is tightened; assumed."""
+TIGHTEST = 0.5
+"""Least factor by which a search is tightened at once for draws that settle late; assumed."""
+SOON = 0.5
+"""Time [s] after the arrival within which draws may settle without a tighter search; assumed."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +55,16 @@ class Candidate:
 
     Attributes:
         name: in words.
-        kind: `as it is`, `speed`, `profile`, `shaper` or `along the path`.
+        kind: `as it is`, `speed`, `profile`, `shaper`, `knobs`, `best` for the best of these, or `along the path`.
         motion: of all driven joints, without dwell.
         peaks: (K,) [m] largest of the three directions, by draws of the unknowns: the phases, and the posterior.
         worst: [m] largest over the phases, of the nominal arm.
         left: [m] the same after the arrival.
         acceleration: [rad/s^2] largest of any joint.
         beyond: exceeded limits of the joints: speed, acceleration, jerk.
+        settled: (K,) [s] from the start until the end has settled, by the same draws; None if not asked for.
         verification: by the exact equations; None if the motion was not proposed.
+        typed: numbers to type into the controller; empty if they are not known.
     """
 
     name: str
@@ -65,7 +75,9 @@ class Candidate:
     left: float
     acceleration: float
     beyond: tuple[str, ...]
+    settled: Float[np.ndarray, "K"] | None = None
     verification: "MotionVerification | None" = None
+    typed: str = ""
 
     @property
     def time(self) -> float:
@@ -76,6 +88,13 @@ class Candidate:
         """Return the probability of keeping a limit [m]."""
         return binomial_estimate(self.peaks <= limit)
 
+    @property
+    def ready(self) -> float:
+        """Time [s] within which most draws have settled, see `tolerance_limit`; of the arrival if not asked for."""
+        if self.verification is not None and self.verification.ready is not None:
+            return self.verification.ready
+        return self.time if self.settled is None else tolerance_limit(self.settled)
+
 
 @dataclass(frozen=True)
 class MotionVerification:
@@ -85,11 +104,32 @@ class MotionVerification:
         largest: [m] vibration of the three directions with the worst phases, as the fast method determines them.
         keeps: probability of keeping the limit by fresh draws; None without a posterior.
         slack: names of belts with a span that would go slack: modelled as rigid it can't, so nothing is confirmed.
+        settled: [s] from the start until the end has settled, by the exact equations; None if not asked for.
+        ready: [s] within which most fresh draws have settled; None if not asked for, or without fresh draws.
+        tool: [m/s] highest speed of the end point.
     """
 
     largest: float
     keeps: BinomialEstimate | None
     slack: tuple[str, ...] = ()
+    settled: float | None = None
+    ready: float | None = None
+    tool: float = 0.0
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the vibration must keep.
+
+    Attributes:
+        limit: [m] largest accepted vibration on the way and after it; infinite for none.
+        settled: [m] below which it must stay from some time on; None for no such wish.
+        ways: directions in which it must settle.
+    """
+
+    limit: float
+    settled: float | None = None
+    ways: tuple[int, ...] = (0, 1, 2)
 
 
 @dataclass(frozen=True)
@@ -99,7 +139,7 @@ class MotionStudy:
     Attributes:
         basis: the arm, its present motion, and the sources of their numbers.
         scheduling: the search for speeds along the path.
-        limit: [m]
+        wanted: what the vibration must keep.
         share_of_motion: share of the worst vibration that comes from the motion itself, not from drives [-]
         before: vibration of the present motion, over the unknown phases.
         after: of the speeds along the path.
@@ -110,13 +150,18 @@ class MotionStudy:
 
     basis: Basis
     scheduling: Scheduling
-    limit: float
+    wanted: Wanted
     share_of_motion: float
     before: Superposition
     after: Superposition
     candidates: tuple[Candidate, ...]
     schedule: Schedule
     bands: Float[np.ndarray, "3 2 K"]
+
+    @property
+    def limit(self) -> float:
+        """The limit of the vibration [m]; infinite for none."""
+        return self.wanted.limit
 
     @property
     def verification(self) -> MotionVerification:
@@ -126,7 +171,7 @@ class MotionStudy:
         return checks
 
     def met(self, candidate: Candidate) -> bool:
-        """Whether a candidate keeps the limit, with the worst phases and 95 % of the draws, and the joint limits.
+        """Whether a candidate keeps the limit with the worst phases and 95 % of the draws, and the joints' limits.
 
         Verified ones are judged by the exact equations and by fresh draws; all others by the fast method.
         """
@@ -134,13 +179,25 @@ class MotionStudy:
         if checks is not None:
             keeps, largest = checks.keeps or keeps, checks.largest
         good = largest <= self.limit and keeps.share >= CONFIDENT and not (checks and checks.slack)
+        good = good and bool(np.isfinite(candidate.ready))
         return good and (not candidate.beyond or candidate.kind == "as it is")
 
     @property
+    def best_knobs(self) -> Candidate | None:
+        """The best setting of the controller's knobs; None without knobs for a ramp, or if no setting will do."""
+        return next((each for each in self.candidates if each.kind == "best"), None)
+
+    @property
     def recommended(self) -> Candidate | None:
-        """The candidate that keeps the limit in the least time; None if none does."""
+        """The candidate that keeps the limit in the least time, or has settled then; None if none does."""
         good = [each for each in self.candidates if self.met(each)]
-        return min(good, key=lambda each: (each.time, each.kind != "as it is")) if good else None
+        return min(good, key=lambda each: (each.ready, each.kind != "as it is")) if good else None
+
+
+Named = tuple[str, str, Motion]
+"""Name, kind and motion of a candidate."""
+Judge = Callable[..., Candidate]
+"""Judges a motion by its name, kind and the motion."""
 
 
 def scheduling_of(
@@ -186,7 +243,7 @@ def motions(
     basis: Basis,
     scheduling: Scheduling,
     *,
-    limit: float,
+    wanted: Wanted,
     time: float | None,
     fresh: Draws,
     progress: Progress = iter,
@@ -196,7 +253,7 @@ def motions(
     Args:
         basis: the arm, its motion without dwell, and the draws for the verdict.
         scheduling: the search, of `scheduling_of`.
-        limit: [m] largest accepted vibration.
+        wanted: what the vibration must keep.
         time: [s] in which to minimise the vibration; None for the least time that keeps the limit.
         fresh: draws unused so far; none without a posterior.
         progress: shows progress over the steps of the search.
@@ -204,58 +261,96 @@ def motions(
     Raises:
         InputError: a time out of reach.
     """
-    judge = partial(_candidate, basis, scheduling)
+    judge, limit = partial(_candidate, basis, scheduling, wanted), wanted.limit
+    search = _at_low_damping(basis, scheduling)
+    settles = wanted.settled is not None
+    poles = poles_at(search.evaluator.arm, basis.motion, basis.loads)[:, 0] if settles else None
     before = scheduling.vibration(basis.motion)
     as_it_is = judge("as it is", "as it is", basis.motion, before)
-    share = share_of_motion(scheduling, basis.motion)
+    own = share_of_motion(scheduling, basis.motion)
     others = [judge(*each) for each in _profiles(basis, scheduling)]
-    if share > TOUCHED:
+    if own > TOUCHED:
         others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
-    others += _slower(scheduling, basis, limit, judge)
-    schedule, aim = None, limit
+    soonest = partial(_soonest, search, wanted, judge, poles)
+    if (slower := soonest([("", "speed", basis.motion), *_overridden(basis)])) and slower.name:
+        others.append(slower)
+    others += _by_knobs(basis, search, judge, soonest)
+    schedule, share, studies = None, 1.0, list[MotionStudy]()
+    constant = 0.0 if poles is None else float(-1 / poles[np.isfinite(poles)].real.max())
     for _ in range(TIGHTENED):
         if time is not None:
             schedule = scheduling.least_vibration(time, progress)
         else:
-            schedule = scheduling.least_time(aim, progress, near=schedule)
+            settled = None if wanted.settled is None else (share * _values(wanted), constant)
+            schedule = search.least_time(share * limit, progress, schedule, settled)
         after = scheduling.vibration(schedule.motion)
         found = judge("speed along the path", "along the path", schedule.motion, after)
-        checks = _verified(scheduling, schedule.motion, after, fresh, limit)
+        checks = _verified(basis, scheduling, schedule.motion, after, fresh, wanted)
         found = replace(found, verification=checks)
-        every = (as_it_is, *others, found)
-        study = MotionStudy(basis, scheduling, limit, share, before, after, every, schedule, _bands(scheduling, basis))
-        if time is not None or study.met(found):
+        every, bands = (as_it_is, *others, found), _bands(scheduling, basis)
+        studies.append(MotionStudy(basis, scheduling, wanted, own, before, after, every, schedule, bands))
+        if time is not None or (studies[-1].met(found) and found.ready < found.time + SOON):
             break
         high = float(np.quantile(found.peaks, CONFIDENT))
-        aim *= MARGIN * min(1.0, limit / checks.largest, limit / high)
-    while (best := study.recommended) and best.verification is None:  # only verified motions are proposed
-        checks = _verified(scheduling, best.motion, scheduling.vibration(best.motion), fresh, limit)
+        share *= MARGIN * min(1.0, limit / checks.largest, limit / high)
+        if settles and np.isfinite(found.ready):
+            share *= max(TIGHTEST, float(np.exp((found.time - found.ready) / constant)))
+    study = studies[-1]
+    if settles:
+        study = min(studies, key=lambda each: (not each.met(each.candidates[-1]), each.candidates[-1].ready))
+    while best := next((x for x in (study.recommended, study.best_knobs) if x and x.verification is None), None):
+        checks = _verified(basis, scheduling, best.motion, scheduling.vibration(best.motion), fresh, wanted)
         every = tuple(replace(each, verification=checks) if each is best else each for each in study.candidates)
         study = replace(study, candidates=every)
     return study
 
 
+def _at_low_damping(basis: Basis, scheduling: Scheduling) -> Scheduling:
+    """Return the search with the damping that `CONFIDENT` of its draws exceed: settling hangs on that; if it counts."""
+    low = {path: float(np.quantile(x, 1 - CONFIDENT)) for path, x in basis.draws.items() if is_damping(path)}
+    arm = scheduling.evaluator.arm.replace(low if basis.unknown.count else {})
+    return replace(scheduling, evaluator=replace(scheduling.evaluator, arm=arm))
+
+
+def _values(wanted: Wanted) -> Float[np.ndarray, "3"]:
+    """Return the value below which each direction must settle [m]; infinite for none."""
+    return np.where(np.isin(np.arange(3), wanted.ways), float(wanted.settled or np.inf), np.inf)
+
+
+def _drawn(
+    basis: Basis, scheduling: Scheduling, wanted: Wanted, motion: Motion, draws: Draws
+) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"] | None]:
+    """Return the largest vibration [m] of each draw, and when it has settled [s] if that is asked for."""
+    held = motion.dwell(scheduling.dwell)
+    each = replace(scheduling.evaluator, arm=basis.arm, motion=held, draws=draws, unknown=())
+    if wanted.settled is None:
+        return each.amplitudes(np.zeros((1, 0)))[:, 0, 1:].max(0), None
+    vibration, poles = each.drawn_vibration(), poles_at(basis.arm.replace(draws), held, each.loads)
+    decay = free_decay(sample_times(held, each.rate), motion.arrival, vibration, poles)
+    after = decay.settled(wanted.settled)[list(wanted.ways)].max(0)
+    return np.abs(vibration).max((0, 1)), motion.arrival - float(motion.breaks[0]) + after
+
+
 def _candidate(
     basis: Basis,
     scheduling: Scheduling,
+    wanted: Wanted,
     name: str,
     kind: str,
     motion: Motion,
     whole: Superposition | None = None,
 ) -> Candidate:
     """Judge a motion over the unknown phases, and with a posterior over its draws, each with phases of its own."""
-    whole = whole or scheduling.vibration(motion)
+    whole, settled = whole or scheduling.vibration(motion), None
     if basis.draws:
-        held = motion.dwell(scheduling.dwell)
-        each = replace(scheduling.evaluator, arm=basis.arm, motion=held, draws=basis.draws, unknown=())
-        peaks = each.amplitudes(np.zeros((1, 0)))[:, 0, 1:].max(0)
+        peaks, settled = _drawn(basis, scheduling, wanted, motion, basis.draws)
     elif whole.unknown:
         peaks = over_phases(whole, basis.unknown).peaks.max(0)
     else:
         peaks = np.array([whole.worst.max()])
     left = float(whole.envelope[:, whole.time >= motion.arrival].max(initial=0.0))
     acceleration, beyond = _kinematics(scheduling, motion)
-    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), left, acceleration, beyond)
+    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), left, acceleration, beyond, settled)
 
 
 def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, tuple[str, ...]]:
@@ -269,7 +364,7 @@ def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, tuple[st
     return float(sizes[1].max()), tuple(name for name, kept in zip(LIMITS, within, strict=True) if not kept)
 
 
-def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, Motion]]:
+def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[Named]:
     """Yield the other profiles at the same speed; along a given path at the highest allowed everywhere."""
     (start, end), own, percent = scheduling.path.ends, basis.arm.stroke, basis.percent
     if basis.log is None and own is not None:
@@ -283,23 +378,53 @@ def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, 
             yield profile, "profile", scheduling.path.motion(stroke(alone, percent=percent, profile=profile))
 
 
-def _slower(scheduling: Scheduling, basis: Basis, limit: float, judge: Callable[..., Candidate]) -> Iterator[Candidate]:
-    """Yield the motion at the highest lower speed that keeps the limit; none if it does already, or no speed does."""
-    factor, tries = 1.0, TRIES
-    while factor > SLOWEST and tries:
-        motion = basis.motion.at_speed(100 * factor)
-        whole = scheduling.vibration(motion)
-        if whole.worst.max() <= limit:
-            found = judge(f"{factor * basis.percent:.3g} % speed", "speed", motion, whole)
-            if found.keeps(limit).share >= CONFIDENT:
-                if factor < 1:
-                    yield found
-                return
-            tries -= 1
-        factor *= SLOWER
+def _soonest(
+    scheduling: Scheduling, wanted: Wanted, judge: Judge, poles: Poles | None, tried: Iterable[Named]
+) -> Candidate | None:
+    """Return the first motion, of some by their time, that keeps what is wanted: with any phases, then by its draws."""
+    found: list[tuple[float, str, str, Motion]] = []
+    for name, kind, motion in tried:
+        if len(found) >= TRIES and motion.arrival >= found[TRIES - 1][0]:
+            break
+        whole, ready = scheduling.vibration(motion), motion.arrival
+        if poles is not None and wanted.settled is not None:
+            after = largest_decay(whole, motion.arrival, poles).settled(wanted.settled)
+            ready += float(after[list(wanted.ways)].max())
+        if whole.worst.max() <= wanted.limit:
+            found = sorted([*found, (ready, name, kind, motion)], key=lambda each: each[0])
+    judged = (judge(*each) for _, *each in found[:TRIES])
+    return next((each for each in judged if each.keeps(wanted.limit).share >= CONFIDENT), None)
 
 
-def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, Motion]]:
+def _overridden(basis: Basis) -> Iterator[Named]:
+    """Yield the motion at lower speeds, on a slower clock; where a knob stretches time, at those that it takes."""
+    knob = basis.arm_file.knobs.get("time")
+    for factor in SPEEDS[1:]:
+        name, share = f"{factor * basis.percent:.3g} % speed", float(factor)
+        if knob:
+            name, share = typed(knob, factor * basis.percent / 100, 1.0)
+            share *= 100 / basis.percent
+        if share < 1:
+            yield name, "speed", basis.motion.at_speed(100 * share)
+
+
+def _by_knobs(
+    basis: Basis, scheduling: Scheduling, judge: Judge, soonest: Callable[..., Candidate | None]
+) -> Iterator[Candidate]:
+    """Yield the shortest ramp of whole periods without and with a jerk time, and the best setting of all."""
+    own, knobs = None if basis.log else basis.arm.stroke, basis.arm_file.knobs
+    how: Any = knobs, own, scheduling.path, basis.percent, scheduling.windows, SPEEDS[::2].tolist()
+    every = list(settings(*how)) if own else []
+    words = {name: text for name, text, _ in every}
+    firsts = ([each for each in every if ("jerk" in each[0]) == jerk][:1] for jerk in (False, True))
+    for name, text, motion in chain(*firsts):
+        yield replace(judge(name, "knobs", motion), typed=text)
+    within = [(name, "best", motion) for name, _, motion in every if not _kinematics(scheduling, motion)[1]]
+    if best := soonest(sorted(within, key=lambda each: each[2].arrival)):
+        yield replace(best, typed=words[best.name], name="best knobs")
+
+
+def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[Named]:
     """Yield the motion shaped for the first mode, for both lowest ones, and between them, at the posture's frequencies.
 
     One ZVD at the root of the product of two close frequencies nearly acts like the shaper for both.
@@ -334,14 +459,22 @@ def _bands(scheduling: Scheduling, basis: Basis) -> Float[np.ndarray, "3 2 K"]:
 
 
 def _verified(
-    scheduling: Scheduling, motion: Motion, whole: Superposition, fresh: Draws, limit: float
+    basis: Basis, scheduling: Scheduling, motion: Motion, whole: Superposition, fresh: Draws, wanted: Wanted
 ) -> MotionVerification:
-    """Simulate a motion by the exact equations with its worst phases, and by fresh draws."""
-    each, held = scheduling.evaluator, motion.dwell(scheduling.dwell)
-    excited = each.arm.replace(whole.worst_phases()) if whole.unknown else each.arm
+    """Simulate a motion by fresh draws, and by the exact equations with the worst phases, after arrival or ever."""
+    each, held, keeps, settled, ready = scheduling.evaluator, motion.dwell(scheduling.dwell), None, None, None
+    first = 0 if np.isfinite(wanted.limit) else int(np.searchsorted(whole.time, motion.arrival - 1e-9))
+    excited = each.arm.replace(whole.worst_phases(first)) if whole.unknown else each.arm
     response = exact_response(replace(each, arm=excited, motion=held, rate=2 * RATE))
-    drawn = replace(each, motion=held, draws=fresh, unknown=())
-    keeps = keeping(drawn, np.zeros(0), limit)[1] if fresh else None
+    if wanted.settled is not None:
+        settled = float(settling_time(response, wanted.settled)[list(wanted.ways)].max())
+    if fresh and wanted.settled is not None:
+        peaks, times = _drawn(basis, scheduling, wanted, motion, fresh)
+        keeps, ready = binomial_estimate(peaks <= wanted.limit), tolerance_limit(np.asarray(times))
+    elif fresh:
+        drawn = replace(each, motion=held, draws=fresh, unknown=())
+        keeps = keeping(drawn, np.zeros(0), wanted.limit)[1]
     spans = slack(response.time, belt_tension(response))
     belts = tuple(sorted({excited.belts[number].name for number, *_ in spans}))
-    return MotionVerification(float(np.max(peak(response.vibration))), keeps, belts)
+    tool = 2 * RATE * float(np.linalg.norm(np.diff(np.asarray(response.path), axis=1), axis=0).max())
+    return MotionVerification(float(np.max(peak(response.vibration))), keeps, belts, settled, ready, tool)

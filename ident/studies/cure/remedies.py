@@ -20,8 +20,9 @@ from ident.vibrate.binomial import BinomialEstimate, binomial_estimate, share_of
 from ident.vibrate.design_search import Point, Requirements, Search
 from ident.vibrate.evaluator import Draws, Evaluator, exact_response, side_by_side
 from ident.vibrate.motion import Motion
-from ident.vibrate.response import Response, peak
+from ident.vibrate.response import Response
 from ident.vibrate.schedule import Schedule
+from ident.vibrate.simulate import Superposition, amplitude
 from ident.vibrate.variable import Variable
 
 # -------- Task
@@ -48,12 +49,14 @@ class Task:
         limit: [m] largest accepted vibration in any direction.
         effort: amount of computation.
         softer: whether a remedy may also make joints softer: vibration may fall, but nobody orders that unasked.
+        measure: of the vibration that the limit is for: `peak`, or `settled` for what is left after the dwell.
     """
 
     basis: Basis
     limit: float
     effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
     softer: bool = False
+    measure: str = "peak"
 
     @property
     def assessment_draws(self) -> Draws:
@@ -106,12 +109,17 @@ class Task:
     def evaluator(self, *variables: Variable, draws: Draws | None = None) -> Evaluator:
         """Return the evaluator for repeated simulation; all evaluators of a task share one program."""
         basis, draws = self.basis, draws or {}
-        return Evaluator(basis.arm, basis.motion, variables, draws=draws, loads=basis.loads, rate=RATE, step=self.step)
+        how: dict[str, Any] = {"loads": basis.loads, "rate": RATE, "step": self.step}
+        return Evaluator(basis.arm, basis.motion, variables, self.measure, draws, **how)
 
     def over_phases(self, evaluator: Evaluator) -> Evaluator:
         """Return the same over all unknown phases, with the largest possible transmission errors."""
         unknown = self.basis.unknown
         return replace(evaluator, arm=evaluator.arm.replace(unknown.highest), unknown=unknown.phases)
+
+    def superposed(self, evaluator: Evaluator, change: Float[np.ndarray, "V"]) -> Superposition:
+        """Return the vibration that counts over all unknown phases, of the arm itself after a change."""
+        return evaluator.superposition(change).since(int(evaluator.amplitude.first))
 
     def balanced(self, rotors: Sequence[Rotor]) -> "Task":
         """Return the task of the arm with mounted corrections, each at its rotor's height.
@@ -213,6 +221,7 @@ class VibrationAssessment:
         limit: [m]
         phases: the arm itself over the unknown phases; None if all are known.
         owed_to_damping: share of the draws' variance due to the damping.
+        measure: of the vibration that the limit is for.
     """
 
     response: Response
@@ -222,11 +231,12 @@ class VibrationAssessment:
     limit: float
     phases: OverPhases | None = None
     owed_to_damping: float = 0.0
+    measure: str = "peak"
 
     @property
     def peak(self) -> Float[np.ndarray, "3"]:
-        """Largest vibration in each direction by the exact equations [m]."""
-        return np.asarray(peak(self.response.vibration))
+        """Largest vibration in each direction by the exact equations [m], of the time that counts."""
+        return amplitude(self.measure, self.response.motion, RATE)(np.asarray(self.response.vibration))
 
     @property
     def scatter(self) -> float:
@@ -267,14 +277,14 @@ def at_confidence(task: Task) -> Task:
 def assess_vibration(task: Task, progress: Progress = iter) -> VibrationAssessment:
     """Simulate the motion exactly, and for the draws by the fast method."""
     unknown, evaluator, nothing = task.basis.unknown, task.evaluator(), np.zeros(0)
-    phases = over_phases(task.over_phases(evaluator).superposition(nothing), unknown) if unknown.phases else None
+    phases = over_phases(task.superposed(task.over_phases(evaluator), nothing), unknown) if unknown.phases else None
     response = exact_response(evaluator)
     amplitudes = task.evaluator(draws=task.assessment_draws).amplitudes(np.zeros((1, 0)), progress)[:, 0]
     own, draws = amplitudes[:, 0], amplitudes[:, 1:]
     keeps = binomial_estimate(draws.max(0) <= task.limit)
     damping = {path: values for path, values in task.assessment_draws.items() if is_damping(path)}
     owed = share_of_variance(damping, draws.max(0))
-    return VibrationAssessment(response, own, draws, keeps, task.limit, phases, owed)
+    return VibrationAssessment(response, own, draws, keeps, task.limit, phases, owed, task.measure)
 
 
 def likely_excitation(task: Task, evaluator: Evaluator, change: Float[np.ndarray, "V"]) -> dict[str, float]:
@@ -288,7 +298,7 @@ def likely_excitation(task: Task, evaluator: Evaluator, change: Float[np.ndarray
     if not task.basis.unknown.phases:
         return {}
     over = task.over_phases(evaluator)
-    return at_share(over.changed_arm(change), over.superposition(change), task.basis.unknown, CONFIDENT)
+    return at_share(over.changed_arm(change), task.superposed(over, change), task.basis.unknown, CONFIDENT)
 
 
 # -------- Remedies
@@ -545,7 +555,7 @@ def _least_change(task: Task, search: Search, start: Point, aim: float) -> Point
 
     def reached(u: Point) -> tuple[float, float]:
         """Return the amplitude for the share of the phases, and for all phases [m]."""
-        superposed = search.objective.evaluator.superposition(u * search.objective.scale)
+        superposed = task.superposed(search.objective.evaluator, u * search.objective.scale)
         largest = float(superposed.worst.max())
         if not superposed.unknown:
             return largest, largest
@@ -654,4 +664,4 @@ def verify_remedy(task: Task, remedy: Remedy, progress: Progress = iter) -> Veri
     excitation = likely_excitation(task, evaluator, changes)
     response = exact_response(replace(evaluator, arm=evaluator.changed_arm(changes).replace(excitation)))
     _, keeps = keeping(evaluator, changes, task.limit, progress)
-    return Verification(np.asarray(peak(response.vibration)), keeps, task.limit)
+    return Verification(evaluator.amplitude(np.asarray(response.vibration)), keeps, task.limit)

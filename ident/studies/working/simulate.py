@@ -48,7 +48,7 @@ class SimulateOptions(HeldMotionOptions):
         read=reading.band,
         text="4:8",
     )
-    tolerance: float = option(0.1, "of the settling time [mm]", above=0.0)
+    settled: float = option(0.1, "vibration [mm] below which the end has settled once it stays there", above=0.0)
     at: float | None = option(None, "time [s] from which on a further peak is reported, as 4")
     limit: float | None = option(None, "peak [mm] that should not be exceeded", above=0.0)
     find_clock: bool = option(False, "find offset and rate of the clock of --trace, instead of taking the motion's")
@@ -62,7 +62,7 @@ class SimulateOptions(HeldMotionOptions):
 class SimulateResult(Result):
     """A simulated motion of an arm.
 
-    The table has a row for each direction: peak and its time, rms, residual, settling time [m, s].
+    The table has a row for each direction: peak and its time, rms, residual, time until settled [m, s].
 
     Attributes:
         simulation: basis, response, draws, and the compared trace.
@@ -194,7 +194,7 @@ def simulate(
         basis,
         response,
         other,
-        options.tolerance / 1e3,
+        options.settled / 1e3,
         options.at,
         None if options.limit is None else options.limit / 1e3,
         _draws(basis, options, progress),
@@ -214,7 +214,7 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
 
     if not basis.draws:
         return None
-    how = partial(measures, tolerance=options.tolerance / 1e3, at=options.at)
+    how = partial(measures, settled=options.settled / 1e3, at=options.at)
     return draw(
         basis.arm,
         basis.motion,

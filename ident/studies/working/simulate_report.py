@@ -19,8 +19,10 @@ from ident.studies.basis import (
     transmission_finding,
     without_transmission_error,
 )
+from ident.studies.scenario import DAMPING
 from ident.vibrate.binomial import share_of_variance
 from ident.vibrate.fast import passages
+from ident.vibrate.settling import settling_time
 from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ METHODS = {
     "fast": "fast, equations linearised about the quasi-static deflection",
     "exact": "exact equations of motion, integrated with error control",
 }
+LOW = math.exp(-1.645 * DAMPING)
+"""Share of the arm file's damping at its 5 % quantile."""
 QUANTILES = (0.05, 0.95)
 SLACK_LISTED = 4
 """Slack intervals of a span that are listed one by one."""
@@ -121,7 +125,7 @@ def _sizes_table(simulation: "Simulation") -> Table:
     if over is not None:
         columns["worst phases"] = _all_mm(over.worst)
     columns |= {"rms [mm]": _all_mm(sizes.rms), "residual [mm]": _all_mm(sizes.residual)}
-    columns[f"settled to {MM * simulation.tolerance:g} mm"] = [_settled(simulation, each) for each in sizes.settling]
+    columns[f"settled to {MM * simulation.settled:g} mm"] = [_seconds(each) for each in sizes.settled]
     if simulation.at is not None:
         columns[f"from {simulation.at:g} s on"] = _all_mm(sizes.late)
     return by_head(columns, zip(*columns.values(), strict=True))
@@ -170,6 +174,10 @@ def _findings(simulation: "Simulation") -> Iterator[Finding]:
             yield Finding(text, "raise the pretension")
     yield from passage_findings(passages(simulation.arm, simulation.response))
     yield from basis_findings(basis)
+    if simulation.sizes.settled.max() > simulation.response.motion.arrival and not any(map(is_damping, basis.draws)):
+        late = float(settling_time(simulation.response, simulation.settled, LOW).max())
+        text = f"settling counts damping as exact; with {percent(1 - LOW)} less: {_seconds(late)}"
+        yield Finding(text, "measure damping ratios, and give --posterior")
     if simulation.phases is None and simulation.arm.springs and basis.unknown.phases:
         yield Finding("only the arm file's imbalance phases were simulated: curved springs do not superpose")
     yield from assumption_findings(basis)
@@ -183,7 +191,8 @@ def _details(simulation: "Simulation") -> Iterator[Section]:
     yield _motion(simulation)
     meaning = (
         f"Vibration: displacement of {simulation.point} from its quasi-static position, with the arm file's phases. "
-        "residual: peak after arrival. settled: time after arrival until it stays within the tolerance."
+        "residual: peak after arrival. settled: time from the start until it stays below that value for good, by the "
+        "envelope of its decay; that of the arrival at the earliest."
     )
     yield Section("Sizes of the vibration", (meaning,))
     yield from _phases(simulation)
@@ -237,8 +246,8 @@ def _bands(simulation: "Simulation") -> Iterator[Section]:
     rows = []
     for i, direction in enumerate(DIRECTIONS):
         parts = (sizes.peak, sizes.rms, sizes.residual, *([sizes.late] if late else []))
-        rows.append((direction, *(_interval(part[i]) for part in parts), _settling(simulation, sizes.settling[i])))
-    heads = "", "peak", "rms", "residual", *([f"from {simulation.at:g} s on"] if late else []), "settled [s]"
+        rows.append((direction, *(_interval(part[i]) for part in parts), _settled(sizes.settled[i])))
+    heads = "", "peak", "rms", "residual", *([f"from {simulation.at:g} s on"] if late else []), "settled"
     limit = () if simulation.limit is None else (_shares(simulation.limit, *draws.exceeds(simulation.limit)),)
     title = f"5 to 95 % of {counted(draws.vibration.shape[2], 'draw')}{own} [mm]"
     yield Section(title, (by_head(heads, rows), *limit, *_owed_to_damping(draws)))
@@ -249,7 +258,7 @@ def _owed_to_damping(draws: "Draws") -> Iterator[str]:
     damping = {path: values for path, values in draws.values.items() if is_damping(path) and np.ptp(values) > 0}
     if damping:
         way = int(draws.sizes.peak.mean(1).argmax())
-        peak, settling = (share_of_variance(damping, size[way]) for size in (draws.sizes.peak, draws.sizes.settling))
+        peak, settling = (share_of_variance(damping, size[way]) for size in (draws.sizes.peak, draws.sizes.settled))
         yield (
             f"The uncertainty of the damping accounts for {percent(peak)} of the variance of the peak in "
             f"{DIRECTIONS[way]}, and for {percent(settling)} of that of its settling time."
@@ -318,16 +327,8 @@ def _all_mm(values: Iterable[float]) -> list[str]:
     return [_mm(float(value)) for value in values]
 
 
-def _held(simulation: "Simulation") -> float:
-    return float(simulation.time[-1]) - simulation.response.motion.arrival
-
-
-def _settled(simulation: "Simulation", value: float) -> str:
-    if math.isnan(value):
-        return "-"
-    if value == 0:
-        return "0 s"
-    return f"{value:.3f} s" if math.isfinite(value) else f"not in {_held(simulation):.3g} s"
+def _seconds(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.2f} s" if math.isfinite(value) else "never"
 
 
 def _interval(values: np.ndarray) -> str:
@@ -337,13 +338,9 @@ def _interval(values: np.ndarray) -> str:
     return f"{low:.4f} to {high:.4f}"
 
 
-def _settling(simulation: "Simulation", values: np.ndarray) -> str:
-    if np.isnan(values).any():
-        return "-"
+def _settled(values: np.ndarray) -> str:
     low, high = np.quantile(values, QUANTILES, method="nearest")
-    if math.isinf(low):
-        return f"beyond {_held(simulation):.3g}"
-    return f"{low:.2f} to {high:.2f}" if math.isfinite(high) else f"{low:.2f} to beyond {_held(simulation):.3g}"
+    return f"{_seconds(low)} to {_seconds(high)}"
 
 
 # -------- Rows
@@ -353,7 +350,7 @@ def simulate_rows(simulation: "Simulation") -> list[dict[str, Any]]:
     """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN where one does not apply."""
     sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
     columns = {"peak": sizes.peak, "time_of_peak": simulation.time[place], "rms": sizes.rms}
-    columns |= {"residual": sizes.residual, "settling_time": sizes.settling, "late_peak": sizes.late}
+    columns |= {"residual": sizes.residual, "settled": sizes.settled, "late_peak": sizes.late}
     if simulation.phases:
         low, high = simulation.phases.band
         columns |= {"peak_phases_q05": low, "peak_phases_q95": high, "peak_worst_phases": simulation.phases.worst}

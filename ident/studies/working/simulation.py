@@ -31,7 +31,7 @@ class Simulation:
         basis: arm and motion, and the sources of their numbers.
         response: by the exact method, unless the fast one alone was chosen.
         other: by the fast method, if both were chosen.
-        tolerance: [m] of the settling time.
+        settled: [m] below which the end has settled once it stays there.
         at: [s] start of the late peak's window; None for none.
         limit: [m] of the peak; None for none.
         draws: the vibration by draws of the basis' posterior.
@@ -44,7 +44,7 @@ class Simulation:
     basis: Basis
     response: Response
     other: Response | None
-    tolerance: float
+    settled: float
     at: float | None = None
     limit: float | None = None
     draws: Draws | None = None
@@ -95,7 +95,7 @@ class Simulation:
     @cached_property
     def sizes(self) -> Sizes:
         """Sizes of the vibration."""
-        return measures(self.response, self.tolerance, self.at)
+        return measures(self.response, self.settled, self.at)
 
     @cached_property
     def phi(self) -> Float[np.ndarray, "3 N T"]:
