@@ -132,7 +132,7 @@ REACHES = {
     "fit": 24_200,
     "simulate": 21_100,
     "sample": 26_600,
-    "modal": 21_500,
+    "modal": 21_600,
     "sweep": 21_200,
     "motion": 25_000,
     "plan": 25_900,
