@@ -132,10 +132,10 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
 
 
 def _next(motions: "MotionStudy") -> str:
-    best = motions.recommended
+    best, settled = motions.recommended, motions.wanted.settled
     if best is None or best.kind != "along the path":
         return "ident design {arm}" if best is None else ""
-    return "ident simulate {arm} --path {result}.csv"
+    return "ident simulate {arm} --path {result}.csv" + (f" --settled {MM * settled:g}" if settled else "")
 
 
 def _details(motions: "MotionStudy") -> Iterator[Section]:
