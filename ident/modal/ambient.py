@@ -441,21 +441,6 @@ def _decays(records: Sequence[np.ndarray], rest: int) -> tuple[list[np.ndarray],
     return [each for each in cut if each.shape[1] >= SHORTEST], noise
 
 
-def _check_length(first: Record, samples: Sequence[int], step: float, decays: int) -> None:
-    """Refuse a record with too little in it for an ambient test, or for one with taps."""
-    if first.excitation in (TAP, RELEASE) or decays:
-        good, got = decays >= FEWEST_TAPS, f"{decays} free decays of {SHORTEST * step:.3g} s after a {first.excitation}"
-        expected = f"at least {FEWEST_TAPS}"
-        remedy = "tap again, and wait 2 to 5 s after each tap"
-        require(good, one_line(first.file), got, expected, remedy, "excitation")
-        return
-    needed, duration = FEWEST * 4 * ROWS * step, sum(samples) * step
-    got, expected = f"{duration:.4g} s of responses without a force", f"at least {needed:.4g} s without a break"
-    remedy = "record for longer, or give the channel of the hammer the role force"
-    enough = duration >= needed and min(samples) >= 8 * ROWS
-    require(enough, one_line(first.file), got, expected, remedy, "role")
-
-
 def _parts(record: Record, factor: int) -> Iterator[np.ndarray]:
     """Yield the blocks of a record (O, T) without trend, downsampled by a factor."""
     for number, block in enumerate(zip(*(each.values for each in record.responses), strict=True)):
