@@ -45,7 +45,7 @@ FAULTS = (
     Fault("damping ratio, derivative", "arm/modes.py",
           "+ s * s * dM[:, :, None]", "+ s * dM[:, :, None]", "arm/test_gradients.py arm/test_losses.py"),
     Fault("curved springs", "arm/parts.py",
-          "self.cubic * s * s / 4", "self.cubic * s * s / 2", "arm/test_springs.py"),
+          "self.cubic * s", "2 * self.cubic * s", "arm/test_springs.py"),
     Fault("elastic belts", "arm/multibody.py",
           "(e + belts.tau * e_dot)", "(e - belts.tau * e_dot)", "arm/test_belts.py arm/test_stiff_belts.py"),
     Fault("Coriolis terms", "arm/multibody.py",

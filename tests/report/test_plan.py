@@ -168,7 +168,7 @@ def test_rows_of_before_are_replaced_and_angles_are_what_one_types(shipped, list
     arm = dataclasses.replace(listed.arm, joints=joints, stroke=None, workspace=workspace)
     first = dataclasses.replace(listed.steps[0], experiment=place_of(listed, (0.1, -0.2, 0.1)))
     new = dataclasses.replace(listed, arm=arm, steps=(first,))
-    assert "add its rows, then: ident fit {campaign}" in plan_sections(new).next
+    assert "add it, then: ident fit {campaign}" in plan_sections(new).next
     write_form(new, tmp_path / "new.csv")
     cells = [row[f"q{joint} [deg]"] for row in rows_of(tmp_path / "new.csv")[:1] for joint in (1, 2, 3)]
     assert cells == ["5.73", "-11.459", "5.729577951"]

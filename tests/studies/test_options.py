@@ -18,6 +18,7 @@ from ident.identify.unknowns import stiffness_parameters
 from ident.report.report import Table
 from ident.studies import STUDIES as STUDY_NAMES
 from ident.studies import ranges, reading
+from ident.studies.following import kept_in
 from ident.studies.look.predict import PredictOptions
 from ident.studies.options import Options, flag_of, option, renamed, specs
 from ident.studies.stiffness.check import CheckOptions
@@ -267,7 +268,8 @@ def test_one_unit_of_stiffness_for_all_media(narrow, units, name, k, tmp_path):
     assert not [text for text in texts if any(other in text for other in others)]
     assert result.table()[0]["unit"] == "N m/rad"
     assert result.parameters["joint2.k_bend"] == pytest.approx(315699.745, rel=2e-3), "in SI, whatever is shown"
-    assert ident.load(result.save(tmp_path)[0]).report() == result.report()
+    with kept_in(tmp_path):
+        assert ident.load(result.save(tmp_path)[0]).report() == result.report()
     page = ident.explore(lcd_arm(), units=units).save(tmp_path)[0].read_text()
     assert f'"name":"{name}"' in page
 

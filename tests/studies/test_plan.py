@@ -67,7 +67,7 @@ def test_what_is_measured_already_counts(measured, table_1):
     report = measured.sections()
     assert "mean variance" in report.details[0].parts[0]
     assert report.verdict.word == "PROVISIONAL"
-    assert report.next.startswith("check the causes, fill in out/table1.plan.csv, add its rows, then: ident fit ")
+    assert report.next.startswith("check the causes, fill in out/table1.plan.csv, add it, then: ident fit ")
     assert_one_screen(measured.report(), files=3)
 
 

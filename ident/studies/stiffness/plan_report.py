@@ -42,13 +42,13 @@ COLUMNS = 4
 def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Report:
     """Return the report of a plan."""
     batch = _batch_table(plan, LISTED, gains=False) if plan.steps else "No experiment is needed."
-    then = "add its rows, then: ident fit {campaign}" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
+    then = "add it, then: ident fit {campaign}" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
     if any(m.note.startswith("replace ") for m in plan.campaign()):
         then = "replace rows as noted, add the rest, then: ident fit {campaign}"
     onward = "ident resonance {arm}" if plan.arm.stroke else ""
     following = "fill in {result}.csv, " + then if plan.steps else onward
     if plan.steps and plan.fit and plan.fit.doubts:
-        following = "check the causes, fill in {result}.csv, add its rows, then: ident fit {campaign}"
+        following = "check the causes, fill in {result}.csv, add it, then: ident fit {campaign}"
     campaign = plan.fit.campaign if plan.fit else None
     known = f"{counted(len(campaign), 'measurement')} of {cut(campaign.name, 30)}" if campaign else "the prior alone"
     return Report(
