@@ -1,5 +1,6 @@
 """`ident.motion` from Python: what it recommends, what it writes, and what it says of draws."""
 
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -26,7 +27,8 @@ from ident.vibrate.simulate import simulate
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_size")]
 
 FILE = DATA / "lcd_arm" / "arm.toml"
-STROKE = ident.read_arm(FILE).arm.stroke
+FILE_ARM = ident.read_arm(FILE).arm
+STROKE = FILE_ARM.stroke
 STIFFNESSES = [f"joint{n}.{kind}" for n in (1, 2, 3) for kind in ("k_bend", "k_tors")]
 LIMIT = 0.6
 FULL = {"time": 6.0, "segments": 4}
@@ -67,6 +69,59 @@ def test_the_speed_along_the_path_vibrates_less_in_the_least_time(result):
     unmet = replace(result, motions=replace(result.motions, wanted=Wanted(1e-7)))
     assert unmet.short
     assert unmet.sections().verdict.word == "NOT MET"
+
+
+KNOBS = """
+[[controller.knob]]
+name = "VEL"
+scales = "speed"
+unit = "%"
+range = [1, 100]
+step = 1
+origin = "assumed"
+
+[[controller.knob]]
+name = "ACC_T"
+scales = "ramp"
+unit = "ms"
+range = [32, 4000]
+step = 4
+origin = "assumed"
+
+[[controller.knob]]
+name = "JERK_T"
+scales = "jerk time"
+unit = "ms"
+range = [4, 1000]
+step = 4
+origin = "assumed"
+"""
+
+
+def test_the_best_knobs_have_the_numbers_to_type_and_keep_both_limits(limited, tmp_path):
+    """The motion lasts D / v + T + w: a trapezoid of ramps T over the distance D, averaged over the jerk time w.
+
+    The recommended one is simulated by itself: nowhere above one limit, below the other one in time.
+    """
+    path = tmp_path / "arm.toml"
+    path.write_text(limited.read_text() + KNOBS)
+    result = ident.motion(path, speed=60.0, limit=0.9, settled=0.4, segments=4, rate=125.0)
+    best = next(each for each in result.motions.candidates if each.kind == "best")
+    words = re.fullmatch(r"VEL (\d+) %, ACC_T (\d+) ms, JERK_T (\d+) ms", best.typed)
+    share, ramp, rise = (float(each) for each in words.groups())
+    assert ramp % 4 == rise % 4 == 0
+    distance = abs(float(STROKE.folded - STROKE.unfolded))
+    took = distance / (share / 100 * float(STROKE.speed)) + ramp / 1e3 + rise / 1e3
+    assert best.time == pytest.approx(took, rel=1e-9)
+    report = " ".join(result.report().split())
+    assert f"Best knobs: {best.typed}." in report
+    assert "keeps the limit of 0.9 mm and settles to 0.4 mm within" in report
+    advised = result.motions.recommended
+    held = advised.motion.dwell(advised.ready - advised.motion.arrival + 2.0)
+    run = simulate(FILE_ARM, held, rate=200.0)
+    size = np.abs(np.asarray(run.vibration))
+    assert 1e3 * size.max() < 0.9 * 1.01
+    assert 1e3 * size[:, np.asarray(run.time) > advised.ready].max() < 0.4
 
 
 def test_known_phases_are_no_matter_of_the_motion(result):
