@@ -140,7 +140,7 @@ def test_an_arm_of_python_and_options_as_keywords_and_patterns_will_do(result, t
     other = fit(lcd_arm(), table_1, starts=1, fix="joint1.k_b*", no_explain=True, progress=progress)
     assert shown == [("starts", 1)]
     assert other.options == replace(result.options, fix=("joint1.k_b*",))
-    assert other.report() == result.report()
+    assert other.report().replace("'joint1.k_b*'", "joint1.k_bend") == result.report()
     assert other.arm.path == ""
     assert_comes_back(other, tmp_path)
 

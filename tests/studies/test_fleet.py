@@ -260,10 +260,12 @@ def test_stopped_or_killed_at_any_moment_it_comes_to_the_same_files(run, robots,
 
 
 def files(folder):
-    """The contents of all files by name, but for the time that a result was made."""
+    """The contents of all files by name, but for the time that a result was made and its folder."""
     paths = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".ident-")]
     paths = [path for path in paths if ".attempts-" not in str(path)]  # of a client that was killed
-    return {path.relative_to(folder): TIME.sub("", path.read_text("latin-1")) for path in paths}
+    return {
+        path.relative_to(folder): TIME.sub("", path.read_text("latin-1")).replace(str(folder), "OUT") for path in paths
+    }
 
 
 def test_the_command(run, robots, kept, tmp_path):

@@ -36,10 +36,12 @@ def robots(tmp_path_factory):
 
 
 def files(folder):
-    """The contents of all files by name, but for the time that a result was made."""
+    """The contents of all files by name, but for the time that a result was made and its folder."""
     paths = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".ident-")]
     paths = [path for path in paths if not path.parent.name.startswith(".attempts-")]  # of a client that was killed
-    return {path.relative_to(folder): TIME.sub("", path.read_text("latin-1")) for path in paths}
+    return {
+        path.relative_to(folder): TIME.sub("", path.read_text("latin-1")).replace(str(folder), "OUT") for path in paths
+    }
 
 
 def test_whatever_is_killed_the_files_are_those_of_one_process(run, robots, tmp_path):

@@ -63,6 +63,10 @@ def test_only_what_lies_between_two_times_counts():
     assert (kept[0], kept[-1]) == pytest.approx((5.5, 9.0))
 
 
+def before_next(result):
+    return result.report().partition("\nNext: ")[0]
+
+
 def test_a_simulated_motion_is_analysed_as_its_file_is(motion, full, tmp_path):
     csv = motion.save(tmp_path)[0]
     from_file = spectrum(csv, FULL, arm=read_arm(ARM))
@@ -70,7 +74,7 @@ def test_a_simulated_motion_is_analysed_as_its_file_is(motion, full, tmp_path):
     assert from_file.name == full.name == "arm.extend-200.spectrum"
     trace = read_trace(csv)
     given = spectrum(trace, FULL, arm=ARM, pulleys=read_pulleys(csv, trace), path=csv)
-    assert given.report() == full.report()
+    assert before_next(given) == before_next(full), "the next command repeats the path"
     assert set(full.figures()) == {"spectrum", "x", "z"}
     assert "1 x drive1 and drive3" in " ".join(full.spectra.lines)
     assert_one_screen(full.report(), files=4)
