@@ -55,7 +55,7 @@ Key = tuple[str, str, str]
 def lines_of(folder: str) -> dict[Key, Record]:
     """Return the lines of a page by group, what and source, in the order of the page."""
     lines = {}
-    for order, (key, kept) in enumerate(records(folder).items()):
+    for key, kept in records(folder).items():
         tests = {each["test"].partition("[")[0] for each in kept}
         if len(tests) > 1:
             sys.exit(f"{': '.join(key)}: compared in several tests ({', '.join(sorted(tests))}); name them apart")
@@ -63,7 +63,7 @@ def lines_of(folder: str) -> dict[Key, Record]:
         sizes = [abs(each["expected"]) if isinstance(each["expected"], float) else 0.0 for each in kept]
         shown = kept[next(i for i, size in enumerate(sizes) if size >= (1 - NEARLY) * max(sizes))]
         whole = {"numbers": sum(each["numbers"] for each in kept), "used": max(each["used"] for each in kept)}
-        lines[key] = shown | whole | {"test": tests.pop(), "order": order}
+        lines[key] = shown | whole | {"test": tests.pop()}
     return dict(sorted(lines.items(), key=lambda line: (GROUPS.index(line[0][0]), line[1]["test"], line[0])))
 
 
@@ -77,7 +77,8 @@ def decimals_of(line: Record) -> int:
     order = power(max([abs(x) for x in (line["expected"], line["computed"]) if isinstance(x, float)]))
     if line["tolerance"] == 0:
         return DIGITS - 1 - order
-    return min(isinstance(line["expected"], str) - power(line["tolerance"]), DIGITS - 1 - order)
+    band = 1 if isinstance(line["expected"], str) else 0
+    return min(band - power(line["tolerance"]), DIGITS - 1 - order)
 
 
 def number(line: Record, name: str) -> str:
@@ -132,7 +133,7 @@ def table(lines: dict[Key, Record], head: tuple[str, ...] = HEAD) -> str:
 def page_of(lines: dict[Key, Record]) -> str:
     """Return the page."""
     agreeing = {key: line for key, line in lines.items() if not line["differs"]}
-    differing = dict(sorted(((k, v) for k, v in lines.items() if v["differs"]), key=lambda each: each[1]["order"]))
+    differing = {key: line for key, line in lines.items() if line["differs"]}
     total = sum(line["numbers"] for line in agreeing.values())
     parts = [INTRO.format(count=len(agreeing), numbers=f"{total:,}", differing=len(differing))]
     counts = Counter(group for group, _, _ in agreeing)

@@ -1,7 +1,7 @@
 """Make the pictures and printed answers of the commands' pages anew: `python docs/pictures.py [COMMAND ...]`.
 
 Runs the examples of `docs/commands/COMMAND.md` as they stand there, by this Python's ident, and keeps in
-`docs/pictures/` what the page's own command prints, the same with `--details`, and the figure that the page shows.
+`docs/pictures/` what the page's own command prints, and the figure that the page shows.
 All takes some minutes.
 """
 
@@ -67,7 +67,7 @@ def main(commands: list[str]) -> None:
 
 def make(command: str, page: Path, folder: Path) -> None:
     """Write what a page shows of its command."""
-    answer = details = ""
+    answer = ""
     for example in examples(page):
         if example.language == "python" and not answer and command not in LONG:  # makes what the command reads
             subprocess.run([sys.executable, "-c", example.text], cwd=folder, env=environment(), check=True)
@@ -75,9 +75,8 @@ def make(command: str, page: Path, folder: Path) -> None:
         for words in example.commands if runs else []:
             printed = run(words, folder)
             if words[1] == command and not answer:
-                answer, details = printed, in_full(words, printed, folder)
+                answer = printed
     (PICTURES / f"{command}.txt").write_text(answer, encoding="utf-8")
-    (PICTURES / f"{command}.details.txt").write_text(details, encoding="utf-8")
     picture = PICTURES / f"{command}.png"
     if command in STATIC:
         (HERE / "static" / STATIC[command]).write_bytes((folder / "out" / STATIC[command]).read_bytes())
@@ -95,13 +94,6 @@ def run(words: list[str], folder: Path) -> str:
     command = [sys.executable, "-m", "ident", *words[1:]]
     done = subprocess.run(command, cwd=folder, env=environment(), stdout=subprocess.PIPE, text=True, check=True)
     return re.sub(r"[ \t]+$", "", done.stdout, flags=re.MULTILINE)
-
-
-def in_full(words: list[str], printed: str, folder: Path) -> str:
-    """Return what a command prints with its details: out of its result where it has written one."""
-    wrote = [line.split()[-1] for line in printed.splitlines() if line.startswith("wrote ")]
-    results = [path for end in (f"{words[1]}.json", ".nc") for path in wrote if path.endswith(end)]
-    return run(["ident", "show", results[0], "--details"] if results else [*words, "--details"], folder)
 
 
 def environment() -> dict[str, str]:

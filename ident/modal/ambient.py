@@ -27,7 +27,7 @@ from ident.text import by_key, one_line, quoted
 
 
 FIRST_PART, PARTS = 6, 3
-"""Samples of the first part of a free decay, and how many times longer it is with each further one."""
+"""Samples of the first part of a free decay, and how many times longer it is with each further one; assumed."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def _correlated(
 def decay_correlations(
     decays: Sequence[Float[np.ndarray, "O _"]], references: Sequence[int], step: float, lags: int
 ) -> Correlations:
-    """Return the correlation functions of free decays, one block for each, references once for each part of a decay.
+    """Return the correlation functions of free decays, one block for each part of a decay, decay by decay.
 
     In a free decay y(t + k) = C A^k x(t), so that the sum over any times t of y(t + k) y_ref(t)' is C A^k G. It adds
     over taps of any sign, place and strength. Parts of a decay count separately, `PARTS` times as long as the one
@@ -340,9 +340,9 @@ FEWEST = 20
 SEGMENTS = 40
 """Number of averaged segments of a record, with an overlap of half their length."""
 FEWEST_TAPS = 2
-"""Fewest free decays of a test."""
+"""Fewest free decays of a test: one is left when the other is left out."""
 TAP_ROWS = 36
-"""The same for taps: fast modes have died away after more lags, and noise is left."""
+"""Block rows for taps: fast modes have died away after more lags, and noise is left."""
 SHORTEST = 3 * TAP_ROWS
 """Fewest samples of a free decay: the lags, and half as many to sum over."""
 
@@ -355,19 +355,20 @@ APART = (
 
 
 def ambient_tests(records: Sequence[Record], processing: Processing) -> tuple[AmbientTest, ...]:
-    """Return the tests of records, one for each posture, load and state of the drives.
+    """Return the tests of records, one for each posture, load, state of the drives, excitation and set of sensors.
 
     Raises:
-        InputError: records too short, of different channels, rates or references at one posture.
+        InputError: records too short, of different rates, windows or references in one test.
     """
-    groups = by_key(
-        ((record.state, record.excitation, *(each.place for each in record.responses)), record) for record in records
-    )
+    places = [frozenset(each.place for each in record.responses) for record in records]
+    groups = by_key(((each.state, each.excitation, own), each) for each, own in zip(records, places, strict=True))
     tests = [_test(group, processing) for group in groups.values()]
-    states = [(test.posture, test.load, test.drives) for test in tests]
+    sensors: dict[object, set[frozenset[Place]]] = {}
+    for state, _, own in groups:
+        sensors.setdefault(state, set()).add(own)
     return tuple(
-        replace(test, remarks=(*test.remarks, APART)) if states.count(state) > 1 else test
-        for test, state in zip(tests, states, strict=True)
+        replace(test, remarks=(*test.remarks, APART)) if len(sensors[state]) > 1 else test
+        for test, (state, *_) in zip(tests, groups, strict=True)
     )
 
 
@@ -414,8 +415,8 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
 def _may_be_tapped(first: Record, samples: Sequence[int], step: float) -> bool:
     """Whether to look for taps: where the table says so, or where the record is too short for an ambient test."""
     long = sum(samples) >= FEWEST * 4 * ROWS and min(samples) >= 8 * ROWS
-    if first.excitation == AMBIENT or sum(samples) < FEWEST_TAPS * SHORTEST:
-        _check_taps(first, samples, step, FEWEST_TAPS if long else 0)
+    if not long and (first.excitation == AMBIENT or sum(samples) < FEWEST_TAPS * SHORTEST):
+        _check_taps(first, samples, step, 0)
     return first.excitation in (TAP, RELEASE) or not (first.excitation or long)
 
 
@@ -423,13 +424,13 @@ def _check_taps(first: Record, samples: Sequence[int], step: float, count: int) 
     """Refuse a record with too few taps, and too short for an ambient test."""
     got, needed = f"{sum(samples) * step:.4g} s of responses without a force", FEWEST * 4 * ROWS * step
     expected = f"{FEWEST_TAPS} taps with free decays of {SHORTEST * step:.3g} s"
-    remedy = "tap again, and wait 2 to 5 s after each tap"
+    remedy, column = "tap again, and wait 2 to 5 s after each tap", "excitation" if first.excitation else "role"
     if first.excitation in (TAP, RELEASE):
-        got = f"{count} {first.excitation}s in {got}"
+        got = f"{count} {first.excitation}{'s' * (count != 1)} in {got}"
     else:
         expected = f"at least {needed:.4g} s without a break, or {expected}"
         remedy = "record for longer, or give the channel of the hammer the role force"
-    require(count >= FEWEST_TAPS, one_line(first.file), got, expected, remedy, "role")
+    require(count >= FEWEST_TAPS, one_line(first.file), got, expected, remedy, column)
 
 
 def _decays(records: Sequence[np.ndarray], rest: int) -> tuple[list[np.ndarray], np.ndarray]:
@@ -466,10 +467,15 @@ def _delayed(values: np.ndarray, delay: np.ndarray) -> np.ndarray:
 
 
 def _check_alike(record: Record, first: Record) -> None:
-    """Refuse a file whose channels differ from those of the first file of its posture."""
+    """Refuse a file with another order of sensors, other references, another window or rate than the first one."""
     where, remedy = one_line(record.file), "measure all of a posture at one time"
-    got, same = f"other references than {quoted(first.file)}", record.references == first.references
-    require(same, where, got, "the same in files of one posture", remedy)
+    places = [[each.place for each in own.responses] for own in (record, first)]
+    for name, same in (
+        ("another order of sensors", places[0] == places[1]),
+        ("other references", record.references == first.references),
+        ("another window", record.decay == first.decay),
+    ):
+        require(same, where, f"{name} than {quoted(first.file)}", "the same in files of one posture", remedy)
     got, expected = f"a rate of {1 / record.step:.6g} Hz", f"{1 / first.step:.6g} Hz, as of {first.file}"
     require(np.isclose(record.step, first.step, rtol=1e-6), where, got, expected, "resample one of them")
 

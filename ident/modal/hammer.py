@@ -30,14 +30,15 @@ from ident.modal.recorded import Source, sources
 from ident.text import by_key, one_line, quoted
 
 # -------- Hits
-# Hammer hits in a record of the force: the start of each, and double, overloaded or cut-off hits.
+# Hammer hits in a record of the force: the start and end of each, and which do not end or are overloaded.
 
 PULSE = 0.1
 """Level of a pulse, as a share of the largest force of the record; assumed."""
 REBOUND = 0.05
 """Level down to which the force belongs to a hit, as a share of its peak; assumed."""
 QUIET = 8
-"""Parts of a record, in the quietest of which the noise is found: a burst may fill most of it."""
+"""Parts of a record, in the quietest of which the noise is found: a burst may fill most of it; assumed."""
+ENDLESS = "the force does not end within its record"
 ONGOING = 0.02
 """Share at the end of a record in which a force counts as one that does not end; assumed."""
 NOISE = 8.0
@@ -57,7 +58,7 @@ class Hit:
 
     Attributes:
         block: number of its block.
-        begin: first sample of the pulse.
+        begin: first sample of its first pulse.
         end: first sample after its last pulse.
         until: first sample of the next hit, or the block's length.
         flaw: why it is rejected; empty for a good hit.
@@ -108,16 +109,17 @@ def _of_record(force: np.ndarray, step: float, rest: float) -> Iterator[Hit]:
 
 
 def _hit(block: int, span: tuple[int, int], near: np.ndarray, noise: float) -> Hit:
-    """Return the hit of a span of samples, given those near its begin.
+    """Return the hit of a span of samples, given those before the next hit's filter rings.
 
-    Only pulses with the sign of the largest one count: the opposite sign is filter ringing, as a hammer cannot pull.
+    Only pulses with the sign of the largest one count: the opposite sign is filter ringing, as a hammer cannot pull. In
+    a burst this moves the ends by a pulse at most.
     """
     size, sign = np.abs(near), np.sign(near[np.argmax(np.abs(near))])
     level = max(REBOUND * float(size.max()), noise)
     pulses = runs(size > level)
     pulses = [(a, b) for a, b in pulses if (sign * near[a:b]).max() > level] or pulses[:1]
     end = pulses[-1][1]
-    flaw = "the force goes on to the end of the record" if end > (1 - ONGOING) * len(near) else ""
+    flaw = ENDLESS if end > (1 - ONGOING) * len(near) else ""
     return Hit(block, span[0] + pulses[0][0], span[0] + end, span[1], flaw)
 
 
@@ -246,7 +248,8 @@ def spectra(source: Source, hits: list[Hit], count: int, decay: float) -> Spectr
     rejected, good, moving = [], [], []
     for number, hit in enumerate(hits, 1):
         record = _cut(source, hit, count, alone=sum(other.block == hit.block for other in hits) == 1)
-        if flaw := hit.flaw or _overloaded(source, record):
+        longer = hit.end - hit.begin > (1 - ONGOING) * count  # records are as long as the shortest one
+        if flaw := hit.flaw or (ENDLESS if longer else "") or _overloaded(source, record):
             rejected.append(Rejected(source.file, number, flaw))
             continue
         good.append(_transformed(source, record, decay))
@@ -265,7 +268,7 @@ class _Record(NamedTuple):
         force: (T,) [N]
         answers: (O, T) [SI]
         offset: (O + 1,) [SI] of the force and the answers at rest.
-        begin: first sample of the pulse.
+        begin: first sample of the force.
         end: first sample after it.
         late: (O,) [s] delay of the answers' samples after those of the force; None for no delay.
     """
@@ -309,7 +312,7 @@ def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndar
 def _moves(record: _Record) -> bool:
     """Whether all responses to the hit were moving before it, as velocities, since long ringing is slow."""
     before = record.begin - 1
-    if before < 4:
+    if before < 4 or record.end + 4 * before > record.answers.shape[1]:
         return False
     early, *parts = (_swing(record.answers[:, at : at + before]) for at in (0, *record.end + before * np.arange(4)))
     late = np.mean(parts, axis=0)
@@ -337,18 +340,20 @@ def _overloaded(source: Source, record: _Record) -> str:
 def excited(every: list[Spectra], band: tuple[float, float] | None, frequency: np.ndarray, rate: float) -> np.ndarray:
     """Return which lines (F,) count: those within the band that the hits at each point excite.
 
-    The band ends where the summed force of all hits at a point falls 20 dB below its peak for good. A line within is
-    left out only where that sum is weak: where one double hit has a gap in its spectrum, another one has none.
+    By default the band ends where the summed force of all hits at a point falls 20 dB below its peak for good; a given
+    band is kept to its end. A line before is left out only where that sum is weak: where one double hit has a gap in
+    its spectrum, another one has none.
     """
     low, high = band or (PERIODS * frequency[1], rate / ANTI_ALIAS)
-    inside = (frequency >= max(low, frequency[1])) & (frequency <= high)
-    for place in {each.source.reference for each in every}:
+    within = (frequency >= max(low, frequency[1])) & (frequency <= high)
+    kept = within
+    for place in dict.fromkeys(each.source.reference for each in every):
         forces = np.concatenate([each.force for each in every if each.source.reference == place])
-        size = np.sqrt((np.abs(forces) ** 2).sum(0)) * inside
+        size = np.sqrt((np.abs(forces) ** 2).sum(0)) * within
         strong = size >= FALLEN * size.max()
         ends = np.flatnonzero(strong)
-        inside &= strong if band is None else strong | (np.arange(len(size)) > ends.max(initial=0))
-    return inside
+        kept = kept & (strong if band is None else strong | (np.arange(len(size)) > ends.max(initial=0)))
+    return kept
 
 
 # -------- Hammer

@@ -13,11 +13,11 @@ from threadpoolctl import threadpool_limits
 from ident.errors import refusal, require
 from ident.measure.speeds import Speed
 from ident.modal.ambient import SPEED_SLIP, AmbientTest, turning
+from ident.modal.amplitude import AmplitudeTrend, amplitude_trend
 from ident.modal.frf import ModeSet
 from ident.modal.modes import SHARPEST, chosen_near
 from ident.modal.parameters import ModalParameters, Rejected
 from ident.modal.poles import Diagram, clustered, distance, physical
-from ident.modal.taps import AmplitudeTrend, amplitude_trend
 
 # -------- Subspace
 # Covariance-driven stochastic subspace identification: poles and shapes of correlation functions, by order.
@@ -378,7 +378,8 @@ def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], de
             f"WARNING: too short a record: a block has {decays:.1f} decay times of the slowest mode, {DECAYS:g} are "
             f"needed; standard deviations are not to be relied on below {needed:.0f} s"
         )
-    few = ["one direction of taps"] if found.trend and found.trend.one_way else []
+    several = len(test.responses) > 1  # of one response nobody knows the direction
+    few = ["one direction of taps"] if found.trend and found.trend.one_way and several else []
     if len(test.references) == 1:
         few.append("one response" if len(test.responses) == 1 else "one reference")
     for many in few:

@@ -346,7 +346,7 @@ WINDOW = {**STATE, "decay": "decay"}
 def check_state(rows: list[ChannelRow], fields: Mapping[str, str] = WINDOW) -> None:
     """Refuse a file whose rows differ in the state of the arm, or in their window."""
     for field, column in fields.items():
-        got, remedy = f"another {field} than the file's first row", "a file is of one state of the arm"
+        got, remedy = f"another {field} than the file's first row", "a file is of one state of the arm and one test"
         for row in rows:
             require(getattr(row, field) == getattr(rows[0], field), row.where, got, "the same", remedy, column)
 

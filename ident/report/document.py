@@ -228,7 +228,7 @@ def _table(data: Mapping[str, Any]) -> Table:
 RECORD = "ident"
 """Group, and variable, of the record as JSON."""
 COMPRESSED = 1000
-"""Numbers from which on a variable is compressed."""
+"""Numbers of a variable from which on it is compressed; assumed."""
 MOST_BYTES = 4_000_000_000
 """Limit of a group's variables [bytes]: ten times a million draws of fifty unknowns."""
 
@@ -261,8 +261,8 @@ def write_netcdf(
 ) -> None:
     """Write arrays for other tools, completely or not at all.
 
-    HDF5 writes into memory: on a full disk it does not survive its own error. h5netcdf alone loads in a tenth of the
-    time of xarray, which brings pandas.
+    HDF5 writes into memory: on a full disk it does not survive its own error. h5netcdf alone loads faster than
+    xarray, which brings pandas.
 
     Args:
         path: path of the file.

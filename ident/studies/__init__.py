@@ -25,6 +25,12 @@ STUDIES = tuple(name for name in MODULES if name not in UNSAVED)
 """Studies with a result; the format of a result file names its study, as in `ident-fit/3`."""
 
 
+def options_of(study: str) -> type:
+    """Return the class of the options of a study."""
+    kind: type = getattr(module_of(study), f"{study.capitalize()}Options")
+    return kind
+
+
 def module_of(study: str, part: str = "") -> ModuleType:
     """Return the module of a study, or of a part of it: `_report`, `_figure`, `_plan`."""
     return import_module(MODULES[study] + part)

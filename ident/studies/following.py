@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ident.studies import module_of
+from ident.studies import module_of, options_of
 from ident.studies.options import Options, default_of, flag_of, specs
 from ident.studies.reading import columns_in_words
 from ident.text import as_word, within
@@ -52,17 +52,21 @@ def next_command(words: str, inputs: Mapping[str, Any], options: Options, name: 
 
 def _given(study: str, words: str, paths: Mapping[str, str], options: Options) -> Iterator[str]:
     """Yield the flags of the next command for what this one was given."""
-    kind: type[Options] = getattr(module_of(study), f"{study.capitalize()}Options")
-    takes = inspect.signature(getattr(module_of(study), study, kind)).parameters
+    kind: type[Options] = options_of(study)
+    takes = inspect.signature(getattr(module_of(study), study, kind)).parameters  # modal's function has another name
     fields = {each.name: each for each, _ in specs(kind) if each.name not in kind.refuses}
     flags = {each: f"--{each}" for each in VALUES} | {name: flag_of(each) for name, each in fields.items()}
     left_out = {each for mark, own in CONTAINED.items() if mark in words for each in own}
     left_out |= {each for each, flag in flags.items() if f" {flag} " in words}
     files = {each: paths[each] for each in VALUES if each in takes and paths[each] and each not in left_out}
     yield from (f"--{each} {as_word(path)}" for each, path in files.items())
-    left_out |= {*(("profile", "retract") if "path" in files else ()), *(() if files else ("force",))}
+    if "path" in files:
+        left_out |= {"profile", "retract"}
+    if not files:
+        left_out.add("force")
     given = {each.name: each for each, _ in specs(type(options))}
-    for each in (each for each in AGAIN if each in {*fields} & {*given} - left_out):
+    both = (fields.keys() & given.keys()) - left_out
+    for each in (each for each in AGAIN if each in both):
         value, own, other = getattr(options, each), fields[each], given[each]
         alike = own.metadata["spec"].repeated == other.metadata["spec"].repeated  # a plan has several loads
         if alike and value is not None and value != default_of(own):
@@ -76,7 +80,8 @@ def _texts(name: str, value: Any) -> Iterable[str]:
     if name == "columns":
         return [columns_in_words(value)]
     if isinstance(value, Mapping):
-        return [f"{key}{':='[name in ('set', 'prior')]}{each}".removesuffix(":inf") for key, each in value.items()]
+        sign = "=" if name in ("set", "prior") else ":"
+        return [f"{key}{sign}{each}".removesuffix(":inf") for key, each in value.items()]
     if isinstance(value, tuple) and name != "errors":
         return [each if isinstance(each, str) else "=".join(each) for each in value]
     numbers = value if isinstance(value, tuple) else (value,)

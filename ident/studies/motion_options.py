@@ -22,6 +22,8 @@ STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), o
 
 SLOWEST = 1e-3
 """Lowest speed [%]."""
+LIMIT = 0.5
+"""Largest accepted vibration [mm] where no limit is given; assumed."""
 PHASES = ("unknown", "file")
 """Choices for the phases of the rotating unbalance."""
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem, refusal, refuse, require
 from ident.report.report import Report, text_of
-from ident.studies import STUDIES, module_of
+from ident.studies import STUDIES, options_of
 from ident.studies.options import Options
 from ident.studies.result import Reported, input_of
 from ident.text import by_key, one_line, quoted, study_of
@@ -149,7 +149,7 @@ class Saved(Reported):
         Raises:
             InputError: options that this version of ident does not know, or out of its ranges.
         """
-        kind: type[Options] = getattr(module_of(self.study), f"{self.study.capitalize()}Options")
+        kind: type[Options] = options_of(self.study)
         with self._read():
             try:
                 return kind.restored(self.record["options"])

@@ -54,7 +54,7 @@ def test_a_burst_that_ends_is_a_hit_and_one_that_goes_on_is_none(kind):
         assert hit.begin == pytest.approx(0.3 / STEP, abs=10)
         assert hit.end == pytest.approx(7.0 / STEP, abs=20)
     endless = noisy(50 * waves * (time > 5.0))
-    assert {hit.flaw for hit in find_hits(endless, STEP, 1.0)} == {"the force goes on to the end of the record"}
+    assert {hit.flaw for hit in find_hits(endless, STEP, 1.0)} == {"the force does not end within its record"}
 
 
 def test_triggered_blocks_hold_one_hit_each():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from arms import DATA, file_with_limits
 from commands import posterior
+from knobs import table
 from moving_engines import MujocoMoving
 from mujoco_arm import BushedTransient, command_at, displacement, equilibrium
 from oracles import table_of
@@ -71,40 +72,13 @@ def test_the_speed_along_the_path_vibrates_less_in_the_least_time(result):
     assert unmet.sections().verdict.word == "NOT MET"
 
 
-KNOBS = """
-[[controller.knob]]
-name = "VEL"
-scales = "speed"
-unit = "%"
-range = [1, 100]
-step = 1
-origin = "assumed"
-
-[[controller.knob]]
-name = "ACC_T"
-scales = "ramp"
-unit = "ms"
-range = [32, 4000]
-step = 4
-origin = "assumed"
-
-[[controller.knob]]
-name = "JERK_T"
-scales = "jerk time"
-unit = "ms"
-range = [4, 1000]
-step = 4
-origin = "assumed"
-"""
-
-
 def test_the_best_knobs_have_the_numbers_to_type_and_keep_both_limits(limited, tmp_path):
     """The motion lasts D / v + T + w: a trapezoid of ramps T over the distance D, averaged over the jerk time w.
 
     The recommended one is simulated by itself: nowhere above one limit, below the other one in time.
     """
     path = tmp_path / "arm.toml"
-    path.write_text(limited.read_text() + KNOBS)
+    path.write_text(limited.read_text() + "".join(map(table, ("speed", "ramp", "jerk time"))))
     result = ident.motion(path, speed=60.0, limit=0.9, settled=0.4, segments=4, rate=125.0)
     best = next(each for each in result.motions.candidates if each.kind == "best")
     words = re.fullmatch(r"VEL (\d+) %, ACC_T (\d+) ms, JERK_T (\d+) ms", best.typed)
@@ -120,7 +94,7 @@ def test_the_best_knobs_have_the_numbers_to_type_and_keep_both_limits(limited, t
     held = advised.motion.dwell(advised.ready - advised.motion.arrival + 2.0)
     run = simulate(FILE_ARM, held, rate=200.0)
     size = np.abs(np.asarray(run.vibration))
-    assert 1e3 * size.max() < 0.9 * 1.01
+    assert 1e3 * size.max() < 0.9 * 1.01  # of the fast method: the limit holds by the exact one
     assert 1e3 * size[:, np.asarray(run.time) > advised.ready].max() < 0.4
 
 

@@ -17,16 +17,17 @@ from ident.measure import Load
 from ident.modal.ambient import ambient_tests
 from ident.modal.frf import Place, Processing
 from ident.modal.recorded import Record, Response
+from ident.units import STANDARD_GRAVITY
 
 RATE, FINER = 200.0, 8
 """Sampling rate [Hz], and how much finer the motion is integrated."""
-DENSITY = 9.80665e-3
-"""[m/s^2] of a mg."""
+MG = 1e-3 * STANDARD_GRAVITY
+"""[m/s^2] of a thousandth of standard gravity."""
 POSTURE = (60.0, -120.0, 60.0)
 """[deg] where two modes are 2 % apart."""
-MAINS = (50.0, 0.02)
+MAINS, PICKED_UP = 50.0, 0.02
 """Frequency [Hz] and amplitude [m/s^2] of what the cables pick up."""
-STEP = 2 * 9.80665 * 2 / 2**16
+STEP = 4 * STANDARD_GRAVITY / 2**16
 """[m/s^2] of 16 bits for +-2 g."""
 PLACES = tuple(Place(point, tuple(axis)) for point in ("tip", "elbow") for axis in np.eye(3).tolist())
 DIRECTIONS = {"y": (1, 4), "z": (2, 5)}
@@ -75,9 +76,9 @@ class Tapped:
     def heard(self, rng, moved, noise):
         """What the sensors give of a motion: noise, mains, 16 bits."""
         time, count = np.arange(moved.shape[1]) / RATE, len(moved)
-        line = rng.uniform(0.3, 1, (count, 1)) * np.sin(2 * np.pi * MAINS[0] * time + rng.uniform(0, 6))
-        white = noise * DENSITY * np.sqrt(RATE / 2) * rng.standard_normal(moved.shape)
-        return STEP * np.round((moved + MAINS[1] * line + white + 0.05) / STEP)
+        line = rng.uniform(0.3, 1, (count, 1)) * np.sin(2 * np.pi * MAINS * time + rng.uniform(0, 6))
+        white = noise * MG * np.sqrt(RATE / 2) * rng.standard_normal(moved.shape)
+        return STEP * np.round((moved + PICKED_UP * line + white + 0.05) / STEP)
 
 
 def hand(rng, double):

@@ -1,7 +1,7 @@
 """How far assumptions decide what the arm of the paper does: the first guess, and what was tried with it.
 
-The figures are those of `docs/nominal_arm.md`, at 100 % by the exact equations. At 10 % these give the same three
-digits as the fast method: here they are solved for the senses only, as they take seconds.
+`docs/nominal_arm.md` has some of these figures. At 100 % they are by the exact equations. At 10 % these give the same
+three digits as the fast method: here they are solved for the senses only, as they take seconds.
 """
 
 import math

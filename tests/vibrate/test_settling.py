@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from conformance import agrees
 from scipy.linalg import eig
 from scipy.optimize import brentq
 
@@ -56,8 +57,10 @@ def test_amplitudes_of_a_made_decay_come_back(seed):
 
 def test_one_mode_settles_when_its_closed_form_says():
     decay = Decay(np.array([[0.0895]]), np.full((3, 1, 1), 2e-4), np.array([[0.0], [1e-6], [6e-5]]))
-    expected = [np.log(2e-4 / 5e-5) / 0.0895, np.log(2e-4 / 4.9e-5) / 0.0895, np.inf]
-    np.testing.assert_allclose(decay.settled(5e-5)[:, 0], expected, rtol=1e-12)
+    expected = [np.log(2e-4 / 5e-5) / 0.0895, np.log(2e-4 / 4.9e-5) / 0.0895]
+    found, what = decay.settled(5e-5)[:, 0], "time until a decaying mode stays below a value"
+    agrees(found[:2], expected[:2], "vibration", what, "ln(a / value) / rate", rtol=1e-12, unit="s")
+    assert found[2] == np.inf
     np.testing.assert_array_equal(decay.settled(3e-4), 0.0)
     endless = decay._replace(rate=np.zeros((1, 1)))
     np.testing.assert_array_equal(endless.settled(5e-5), np.inf)
@@ -73,10 +76,11 @@ def test_several_modes_settle_where_their_envelope_meets_the_value(seed):
         def above(t, way=way):
             return (abs(size[way]) * np.exp(POLES[:4].real * t)).sum() + abs(rest[way]) - 2e-5
 
-        assert decay.settled(2e-5)[way, 0] == pytest.approx(brentq(above, 0.0, 200.0, xtol=1e-13), rel=1e-8)
+        what, root = "time until the envelope of several modes meets a value", brentq(above, 0.0, 200.0, xtol=1e-13)
+        agrees(decay.settled(2e-5)[way, 0], root, "vibration", what, "SciPy's brentq", rtol=1e-8, unit="s")
     values = np.geomspace(2e-5, 1e-4, 200)
     times = np.array([decay.settled(value)[0, 0] for value in values])
-    late = times > 0.2  # a tenth of it while the fast ones fade
+    late = times > 0.2  # before, the fast modes still count
     assert np.abs(np.diff(times))[late[1:]].max() < 0.2, "no jump from one maximum to the next: a beat lasts 1.5 s"
     assert (np.abs(vibration) <= decay.envelope(0.0) * (1 + 1e-9)).all()
 
@@ -96,7 +100,19 @@ def test_poles_are_those_of_another_eigensolver():
         left = np.block([[zero, one], [-K[..., b], -D[..., b]]])
         expected = eig(left, np.block([[one, zero], [zero, M[..., b]]]), right=False)
         found = poles_of(M, D, K)[:, b]
-        np.testing.assert_allclose(in_order(found), in_order(expected[expected.imag >= 0]), rtol=1e-8)
+        ours, theirs = (np.array(in_order(each)) for each in (found, expected[expected.imag >= 0]))
+        for name, part in (("decay rates", np.real), ("damped frequencies", np.imag)):
+            what = f"{name} of poles after the arrival"
+            agrees(
+                part(ours),
+                part(theirs),
+                "vibration",
+                what,
+                "SciPy's generalised eig",
+                rtol=1e-8,
+                atol=1e-9,
+                unit="rad/s",
+            )
 
 
 def test_no_phases_settle_later_than_the_bound():
@@ -154,7 +170,7 @@ def test_most_of_a_hundred_arms_settle_in_the_promised_time():
     promise = _verified(basis, scheduling, motion, whole, arms(200, 1), wanted).ready
     fresh = arms(100, 2)
     _, times = _drawn(basis, scheduling, wanted, motion, fresh)
-    assert (times <= promise).sum() >= 90
+    assert (times <= promise).sum() >= 90  # 95 of 100 promised: fewer than 90 by chance in 1 % of seeds
     spread = np.log(fresh["joint1.tau_bend"] / float(basis.arm.get("joint1.tau_bend"))).std()
     assert spread == pytest.approx(DAMPING, rel=0.2)
     _, truth = _drawn(basis, scheduling, wanted, motion, arms(400, 3))

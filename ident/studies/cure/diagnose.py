@@ -11,7 +11,7 @@ from ident.studies.cause.source import MOST_DRAWS, SourceOptions
 from ident.studies.cure.balance import BalanceOptions, pulley_of
 from ident.studies.cure.effort import DiagnosisEffort
 from ident.studies.door import DEFAULT, study
-from ident.studies.motion_options import HeldMotionOptions, basis_of
+from ident.studies.motion_options import LIMIT, HeldMotionOptions, basis_of
 from ident.studies.options import option, specs
 from ident.studies.reading import EACH
 from ident.studies.result import Progress, Result, alias, silent
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 # -------- Diagnose stages
 # The stages of a diagnosis, in the order of `carry_out`.
 
-LIMIT, AFTERWARDS = 0.5, 2.0
-"""Limit [mm] unless asked otherwise, and time [s] after the dwell: that of `ident.vibrate.simulate`."""
 V = TypeVar("V")
 """Value of a stage."""
 OnStage = Callable[["StageReport"], None]
@@ -275,6 +273,8 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
     @property
     def hold(self) -> float:
         """The dwell [s], and the time after it in which the end must have settled."""
+        from ident.vibrate.simulate import AFTERWARDS
+
         return self.dwell + (AFTERWARDS if self.settled else 0.0)
 
     def problems(self) -> list[Problem]:

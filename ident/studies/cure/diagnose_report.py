@@ -253,9 +253,12 @@ def remedy_command(diagnosis: "Diagnosis") -> str:
         study, sets = "motion" if best.schedule else "simulate", sets | best.values
         changed = f" --speed {best.percent:g}" * (best.percent != basis.percent)
     changed += "".join(f" --set {path}={value:.6g}" for path, value in sets.items())
-    settles = diagnosis.task.measure == "settled"
-    option = "measure residual --limit" if settles and study == "design" else "settled" if settles else "limit"
-    return f"ident {study} {{arm}} --{option} {MM * diagnosis.task.limit:g} --posterior {{result}}.nc{changed}"
+    wanted = "--settled" if diagnosis.task.measure == "settled" else "--limit"
+    if (
+        study == "design" and wanted == "--settled"
+    ):  # it has no such option; after the arrival there is more than after the dwell
+        wanted = "--measure residual --limit"
+    return f"ident {study} {{arm}} {wanted} {MM * diagnosis.task.limit:g} --posterior {{result}}.nc{changed}"
 
 
 def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:

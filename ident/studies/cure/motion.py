@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import Problem
 from ident.studies.door import DEFAULT, study
-from ident.studies.motion_options import HeldMotionOptions, basis_of
+from ident.studies.motion_options import LIMIT, HeldMotionOptions, basis_of
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, alias, silent
 from ident.studies.values import drawn_groups
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from ident.measure import Log
     from ident.studies.cure.motion_study import MotionStudy
     from ident.studies.stiffness.sample import SampleResult
-
-LEAST_DWELL = 1.0
-"""Least time [s] from which a decay is known: `WATCHED` of `ident.vibrate.settling`."""
 
 
 class MotionOptions(HeldMotionOptions):
@@ -54,11 +51,15 @@ class MotionOptions(HeldMotionOptions):
         return 0.0
 
     def problems(self) -> list[Problem]:
-        """Refuse a direction of nothing, and a dwell too short to know a decay."""
-        alone = Problem("direction", "it without settled", "a value to settle to", "give `settled`")
-        short = Problem("dwell", f"{self.dwell:g} s with settled", f"at least {LEAST_DWELL:g} s", "hold the arm longer")
-        wrong = self.direction and self.settled is None, self.settled is not None and self.dwell < LEAST_DWELL
-        return [*super().problems(), *(each for each, at in zip((alone, short), wrong, strict=True) if at)]
+        """Refuse a direction without a value to settle to, and a dwell too short to know a decay."""
+        problems = super().problems()
+        if self.settled is None:
+            alone = Problem("direction", "it without settled", "a value to settle to", "give `settled`")
+            return [*problems, *([alone] if self.direction else [])]
+        from ident.vibrate.settling import WATCHED  # loads the engine: only to settle
+
+        short = Problem("dwell", f"{self.dwell:g} s with settled", f"at least {WATCHED:g} s", "hold the arm longer")
+        return [*problems, *([short] if self.dwell < WATCHED else [])]
 
 
 class MotionResult(Result):
@@ -148,7 +149,7 @@ def motion(
     judging, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
     basis = basis_of(arm, options, path=path, fit=fit, posterior=judging)
     refuse_jumps(basis.arm, basis.motion)
-    limit, settled = options.limit or (0.5 if options.settled is None else inf), None
+    limit, settled = options.limit or (LIMIT if options.settled is None else inf), None
     ways = tuple(k for k in range(3) if options.direction in (None, "xyz"[k]))
     if options.settled is not None:
         basis, settled = basis.with_unknown_damping(options.draws), options.settled / 1e3

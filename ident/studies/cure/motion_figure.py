@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ident.studies.cure.motion_study import MotionStudy
 
 MODES: tuple[Style, ...] = ({"color": ORANGE, "linewidth": 1.0}, {"color": ORANGE, "linewidth": 1.0, "linestyle": "--"})
+SETTLED: Style = {**LIMIT, "linestyle": "-."}
 
 
 def motion_figure(motions: "MotionStudy") -> Figure:
@@ -37,8 +38,11 @@ def motion_figure(motions: "MotionStudy") -> Figure:
             top.plot(np.degrees(along), np.where(speeds < 1.3 * highest, speeds, np.nan), **style)
     for whole, style in ((motions.before, BEFORE), (motions.after, AFTER)):
         below.plot(whole.time, MM * whole.envelope.max(0), **style)
-    line = motions.limit if np.isfinite(motions.limit) else motions.wanted.settled or 0.0
-    below.axhline(MM * line, **LIMIT)
+    lines = [("limit,", motions.limit, LIMIT)] * bool(np.isfinite(motions.limit))
+    if motions.wanted.settled is not None:
+        lines.append(("settled below", motions.wanted.settled, SETTLED))
+    for _, value, style in lines:
+        below.axhline(MM * value, **style)
     for axes in (top, below):
         plain(axes, grid=True)
         axes.set_ylim(bottom=0)
@@ -51,9 +55,9 @@ def motion_figure(motions: "MotionStudy") -> Figure:
         Line2D([], [], label="speed along the path", **AFTER),
         Line2D([], [], label="a pulley meets mode 1", **MODES[0]),
         Line2D([], [], label="mode 2", **MODES[1]),
-        Line2D([], [], label=f"limit, {MM * line:g} mm", **LIMIT),
+        *(Line2D([], [], label=f"{word} {MM * value:g} mm", **style) for word, value, style in lines),
     ]
-    key_below(figure, handles, "fast method; largest of X, Y, Z", columns=5)
+    key_below(figure, handles, "fast method; largest of X, Y, Z", columns=len(handles))
     return figure
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.files import together, write_text
 from ident.report.report import Report
-from ident.studies import STUDIES, module_of
+from ident.studies import STUDIES, options_of
 from ident.studies.following import next_command
 from ident.studies.options import Options, flag_of, specs
 from ident.studies.result import Reported, alias
@@ -191,7 +191,7 @@ def choices() -> Mapping[str, tuple[str, ...]]:
     """Return the allowed words of command options, by command and flag."""
     found: dict[str, tuple[str, ...]] = {}
     for study in (*STUDIES, "explore"):
-        kind: type[Options] = getattr(module_of(study), f"{study.capitalize()}Options")
+        kind: type[Options] = options_of(study)
         known = [(each, spec) for each, spec in specs(kind) if each.name not in kind.refuses]
         found |= {f"{study} {flag_of(each)}": spec.choices for each, spec in known if spec.choices}
     return found

@@ -20,8 +20,8 @@ from ident.studies.measuring.modal_campaign import IdentifiedModes, Labelled, Na
 from ident.text import by_key
 
 if TYPE_CHECKING:
+    from ident.modal.amplitude import AmplitudeTrend
     from ident.modal.frf import Place
-    from ident.modal.taps import AmplitudeTrend
 
 AnyTest = ModalTest | AmbientTest | FinishedTest
 FEW, LISTED = 3, 3
