@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from conformance import agrees
 
-from ident.modal.frf import exponential_decay, exponential_window, force_window
-from ident.modal.hammer import find_hits, overload
+from ident.measure import Load
+from ident.modal.frf import Place, exponential_decay, exponential_window, force_window
+from ident.modal.hammer import Spectra, excited, find_hits, overload, spectra
+from ident.modal.recorded import Response, Source
 
 STEP = 0.005
 
@@ -69,6 +71,42 @@ def test_a_filter_that_rings_to_the_other_side_is_no_second_hit():
     force = pulse(500, 20)
     force[26:29] = -9.0
     assert find_hits(noisy(np.array([force, force])), STEP, 1.0)[0].flaw == ""
+
+
+def source_of(point, force=None, responses=(), step=STEP):
+    place = Place(point, (0.0, 0.0, 1.0))
+    return Source("a.csv", (0.0,), Load(), "brake", 0.0, step, 0.0, place, force, None, responses)
+
+
+def test_the_excited_lines_of_several_points_hang_on_no_order_of_these():
+    """One point is hit softly, up to 10 Hz; the other one hard, up to 40 Hz, but not at 5 Hz."""
+    frequency = np.arange(0.0, 60.0)
+    soft, hard = np.where(frequency <= 10, 1.0, 1e-3), np.where(frequency <= 40, 5.0, 1e-3)
+    hard[5] = 1e-3
+    one, other = (
+        Spectra(source_of(point), size[None].astype(complex), np.zeros((1, 1, 60)))
+        for point, size in (("tip", soft), ("elbow", hard))
+    )
+    for every in ([one, other], [other, one]):
+        lines = frequency[excited(every, None, frequency, 200.0)]
+        assert lines.tolist() == [4.0, 6.0, 7.0, 8.0, 9.0, 10.0]
+        banded = frequency[excited(every, (3.0, 30.0), frequency, 200.0)]
+        assert 5.0 not in banded
+        assert banded.max() == 30.0, "a given band is kept to its end"
+
+
+def test_a_force_longer_than_the_shortest_record_is_no_hit():
+    """Three pulses 0.9 s apart, and 2 s to the next hit; of the records only the first 1.5 s are transformed."""
+    step, count = 0.001, 1500
+    force = sum(pulse(9000, begin) for begin in (300, 1200, 2100, 5000, 6500)) + noisy(np.zeros(9000))
+    hits = find_hits(force[None], step, rest=1.0)
+    assert [hit.flaw for hit in hits] == ["", "", ""]
+    answer = np.convolve(force, np.exp(-np.arange(400) / 50.0))[:9000]
+    responses = (Response(Place("tip", (0.0, 0.0, 1.0)), answer[None], 0, None, "a"),)
+    source = source_of("tip", force[None], responses, step)
+    found = spectra(source, hits, count, 0.0)
+    assert [(each.number, each.reason) for each in found.rejected] == [(1, "the force does not end within its record")]
+    assert found.force.shape == (2, 751)
 
 
 def test_overload_by_full_scale_or_by_a_flat_top():
