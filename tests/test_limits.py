@@ -11,7 +11,7 @@ from ident.vibrate.hypotheses import PEAK, TRACKS, probability, score
 
 PACKAGE = Path(__file__).parents[1] / "ident"
 LIMITS = {"SURE", "SEEN", "COST", "CHANCE", "LIKELY", "MISFIT", "MARGIN", "SLIP"}
-APART = dict.fromkeys(("instruments", "resonance", "design_search", "frf", "motion_study"), ("MARGIN",))
+APART = dict.fromkeys(("instruments", "resonance", "design_search", "hammer", "motion_study"), ("MARGIN",))
 """Margins of an angle, a frequency, an amplitude, a band and a limit: they judge no hypothesis."""
 
 

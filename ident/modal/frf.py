@@ -344,10 +344,7 @@ class ModalTest(HeldArm):
 
 
 # -------- Windows
-# Windows of a hammer test: a force window around the pulse, and an exponential window on the whole record.
-
-MARGIN = 3.0
-"""Duration of the force window's flat part after the pulse, and of its fall, each in pulse durations."""
+# The exponential window on the whole record.
 
 
 def exponential_decay(duration: float, end: float, applied: float = 0.0) -> float:
@@ -364,20 +361,3 @@ def exponential_decay(duration: float, end: float, applied: float = 0.0) -> floa
 def exponential_window(count: int, step: float, decay: float) -> np.ndarray:
     """Return exp(-decay t) at samples of a record, (T,) [-]."""
     return np.exp(-decay * step * np.arange(count))
-
-
-def force_window(count: int, begin: int, end: int) -> np.ndarray:
-    """Return a window (T,) [-] that is one until some time after a pulse, and then falls to zero as a cosine.
-
-    Args:
-        count: samples T.
-        begin: first sample of the pulse.
-        end: first sample after it.
-    """
-    width = max(math.ceil(MARGIN * (end - begin)), 2)
-    window = np.zeros(count)
-    flat = min(end + width, count)
-    window[:flat] = 1.0
-    fall = np.cos(np.linspace(0.0, np.pi / 2, width)) ** 2
-    window[flat : flat + width] = fall[: count - flat]
-    return window

@@ -24,7 +24,6 @@ from ident.modal.frf import (
     contributions,
     exponential_decay,
     exponential_window,
-    force_window,
 )
 from ident.modal.recorded import Source, sources
 from ident.text import by_key, one_line, quoted
@@ -61,6 +60,7 @@ class Hit:
         begin: first sample of its first pulse.
         end: first sample after its last pulse.
         until: first sample of the next hit, or the block's length.
+        level: [N] above which the force acts.
         flaw: why it is rejected; empty for a good hit.
     """
 
@@ -68,6 +68,7 @@ class Hit:
     begin: int
     end: int
     until: int
+    level: float = 0.0
     flaw: str = ""
 
 
@@ -91,7 +92,7 @@ def find_hits(force: np.ndarray, step: float, rest: float) -> list[Hit]:
     return [
         _hit(number, (0, len(block)), block, NOISE * _noise(block))
         if np.abs(block).max() > max(level, NOISE * _noise(block)) and _stands_out(block)
-        else Hit(number, 0, 0, len(block), "no pulse of the force")
+        else Hit(number, 0, 0, len(block), flaw="no pulse of the force")
         for number, block in enumerate(force)
     ]
 
@@ -120,7 +121,7 @@ def _hit(block: int, span: tuple[int, int], near: np.ndarray, noise: float) -> H
     pulses = [(a, b) for a, b in pulses if (sign * near[a:b]).max() > level] or pulses[:1]
     end = pulses[-1][1]
     flaw = ENDLESS if end > (1 - ONGOING) * len(near) else ""
-    return Hit(block, span[0] + pulses[0][0], span[0] + end, span[1], flaw)
+    return Hit(block, span[0] + pulses[0][0], span[0] + end, span[1], level, flaw)
 
 
 def _stands_out(force: np.ndarray) -> bool:
@@ -220,6 +221,8 @@ FALLEN = 0.1
 """Least force spectrum within the band, relative to its largest value: 20 dB below."""
 BEFORE = 0.05
 """Largest share of a record before the hit, used for the offset."""
+MARGIN = 3.0
+"""Duration of the force window's flat part after a pulse, and of its fall, each in durations of the longest pulse."""
 CALM = 0.1
 """Velocity before a hit, relative to that after it, above which the arm was still moving; assumed."""
 
@@ -270,6 +273,7 @@ class _Record(NamedTuple):
         offset: (O + 1,) [SI] of the force and the answers at rest.
         begin: first sample of the force.
         end: first sample after it.
+        level: [N] above which it acts.
         late: (O,) [s] delay of the answers' samples after those of the force; None for no delay.
     """
 
@@ -278,6 +282,7 @@ class _Record(NamedTuple):
     offset: np.ndarray
     begin: int
     end: int
+    level: float
     late: np.ndarray | None
 
 
@@ -293,20 +298,38 @@ def _cut(source: Source, hit: Hit, count: int, *, alone: bool) -> _Record:
     still = channels[:, start : start + before // 2] if alone and before > 7 else channels
     part = channels[:, start : start + count]
     late = np.array([0.0 if each.late is None else each.late[hit.block] for each in source.responses])
-    return _Record(part[0], part[1:], still.mean(1), before, hit.end - start, late if late.any() else None)
+    return _Record(part[0], part[1:], still.mean(1), before, hit.end - start, hit.level, late if late.any() else None)
 
 
 def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the spectra of force (F,) and accelerations (O, F), without offset, windowed with the remaining decay."""
     count = len(record.force)
     window = exponential_window(count, source.step, decay - source.decay)
-    about = force_window(count, record.begin, record.end)
+    about = force_window(np.abs(record.force[: record.end]) > record.level, record.begin, count)
     force = np.fft.rfft(about * window * (record.force - record.offset[0])) * source.step
     faded = np.fft.rfft(window * (record.answers - record.offset[1:, None])) * source.step
     s = decay + 2j * np.pi * np.fft.rfftfreq(count, source.step)
     if record.late is not None:
         faded = faded * np.exp(-s * record.late[:, None])
     return force, faded * np.stack([s**each.order for each in source.responses])
+
+
+def force_window(acts: np.ndarray, begin: int, count: int) -> np.ndarray:
+    """Return a window (T,) [-] that is one while a force acts and for some time about it, and zero where it rests.
+
+    Args:
+        acts: (end,) whether the force acts, up to its last sample.
+        begin: first sample of the force.
+        count: samples T.
+    """
+    pulses, samples = runs(acts & (np.arange(len(acts)) >= begin)), np.arange(count)
+    begins, ends = np.array(pulses).T
+    longest, latest = (ends - begins).max(), np.searchsorted(begins, samples, "right") - 1
+    after = (samples - ends[np.maximum(latest, 0)]) / math.ceil(MARGIN * longest) - 1
+    ahead = (np.append(begins, 2 * count)[latest + 1] - samples) / longest - 1
+    outside = np.where(samples < begin, 0.0, np.clip(np.minimum(after, ahead), 0.0, 1.0))
+    window: np.ndarray = (1 + np.cos(np.pi * outside)) / 2
+    return window
 
 
 def _moves(record: _Record) -> bool:

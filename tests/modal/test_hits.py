@@ -5,8 +5,8 @@ import pytest
 from conformance import agrees
 
 from ident.measure import Load
-from ident.modal.frf import Place, exponential_decay, exponential_window, force_window
-from ident.modal.hammer import Spectra, excited, find_hits, overload, spectra
+from ident.modal.frf import Place, exponential_decay, exponential_window
+from ident.modal.hammer import Spectra, excited, find_hits, force_window, overload, spectra
 from ident.modal.recorded import Response, Source
 
 STEP = 0.005
@@ -53,6 +53,7 @@ def test_a_burst_that_ends_is_a_hit_and_one_that_goes_on_is_none(kind):
     bursts = noisy(50 * waves * ((time > 0.3) & (time < 7.0)))
     for hit in find_hits(bursts, STEP, 1.0):
         assert hit.flaw == ""
+        assert (force_window(np.abs(bursts[hit.block, : hit.end]) > hit.level, hit.begin, 2000)[: hit.end] == 1).all()
         assert hit.begin == pytest.approx(0.3 / STEP, abs=10)
         assert hit.end == pytest.approx(7.0 / STEP, abs=20)
     endless = noisy(50 * waves * (time > 5.0))
@@ -125,7 +126,14 @@ def test_windows():
     assert exponential_decay(10.0, 0.01, 0.3) == pytest.approx(np.log(100) / 10 - 0.3)
     assert exponential_decay(10.0, 0.01, 2.0) == exponential_decay(10.0, 1.0) == 0.0
     np.testing.assert_allclose(exponential_window(3, 0.5, 2.0), np.exp([0, -1, -2]), rtol=1e-15)
-    window = force_window(100, 20, 25)
+    acts = pulse(125, 20) + pulse(125, 120) > 0
+    window = force_window(acts, 20, 200)
     assert (window[:40] == 1).all()
     assert (np.diff(window[40:55]) <= 0).all()
-    assert (window[55:] == 0).all()
+    assert (window[55:110] == 0).all()
+    assert (np.diff(window[110:115]) >= 0).all()
+    assert (window[115:140] == 1).all()
+    assert (window[155:] == 0).all()
+    single = force_window(acts[:25], 20, 200)
+    np.testing.assert_array_equal(window[:100], single[:100])
+    assert (single[55:] == 0).all()
