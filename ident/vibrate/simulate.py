@@ -253,8 +253,8 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
 # - with elastic belts, (s - 1) times the torque at the pin: by the slope alone it would turn the belt. With rigid ones
 #   the pin's torque is the motor's, and nothing of first order is left out.
 
-TOGETHER = 32
-"""Sets of phases for which the vibration is computed together."""
+TOGETHER = 256
+"""Times at which the vibration is computed together."""
 
 Phases = Float[np.ndarray, "U *K"]
 """Phases [rad] of some drives' imbalance or transmission error."""
@@ -312,10 +312,24 @@ class Superposition:
     def peaks(
         self, phases: Float[np.ndarray, "U K"], factors: Float[np.ndarray, "U K"] | None = None
     ) -> Float[np.ndarray, "3 K"]:
-        """Return the peak in each direction with each of some phases, see `at` [m]."""
+        """Return the peak in each direction with each of some phases, see `at` [m].
+
+        Times come in the order of what the vibration can be there, and end where it cannot be a peak.
+        """
         factors = np.ones_like(phases) if factors is None else factors
-        groups = [slice(k, k + TOGETHER) for k in range(0, phases.shape[1], TOGETHER)]
-        return np.concatenate([np.abs(self.at(phases[:, some], factors[:, some])).max(1) for some in groups], 1)
+        turns = np.concatenate([np.cos(phases) * factors, np.sin(phases) * factors])
+        each = np.hypot(self.cosine, self.sine)
+        bounds = np.abs(self.sure) + np.tensordot(np.abs(factors).max(1), each, 1)
+        peaks = np.zeros((3, phases.shape[1]))
+        for way in range(3):
+            order, parts = np.argsort(-bounds[way]), np.concatenate([self.cosine[:, way], self.sine[:, way]])
+            for first in range(0, len(order), TOGETHER):
+                some = order[first : first + TOGETHER]
+                if bounds[way, some[0]] < peaks[way].min():
+                    break
+                vibration = self.sure[way, some, None] + parts[:, some].T @ turns
+                peaks[way] = np.maximum(peaks[way], np.abs(vibration).max(0))
+        return peaks
 
     def worst_phases(self, first: int = 0, direction: int | None = None) -> dict[str, float]:
         """Return phases, by path, with which the worst peak is reached [rad].

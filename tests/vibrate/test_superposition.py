@@ -163,3 +163,17 @@ def test_kinematic_errors_by_the_exact_equations() -> None:
     exact = simulate(arm.replace(whole.worst_phases()), motion, method="exact")
     found, what = 1e3 * np.abs(np.asarray(exact.measured)).max(), "6 arc seconds at the worst phases, exact equations"
     agrees(found, 1.6041, "vibration", what, "sum over phases, docs/paper.md", rtol=1e-3, unit="mm")
+
+
+@pytest.mark.parametrize("largest", [1.0, 1.7])
+def test_peaks_leave_out_only_times_that_cannot_have_one(largest):
+    """Against the vibration at every time: two bursts, of which another is larger with each phase."""
+    random, time = np.random.default_rng(3), np.arange(3000) / 250
+    bursts = np.exp(-(((time - 4) / 0.7) ** 2)) + np.exp(-(((time - 9) / 0.4) ** 2)) + 0.02
+    cosine, sine = bursts * random.standard_normal((2, 2, 3, 3000))
+    sure = np.where(time < 6, 0.8, 0.1) * random.standard_normal((3, 3000))
+    whole = Superposition(time, ("a", "b"), np.zeros(2, bool), sure, cosine, sine)
+    phases, factors = random.uniform(0, 2 * np.pi, (2, 200)), random.uniform(0.1, largest, (2, 200))
+    for factor in (None, factors):
+        every = np.abs(whole.at(phases, factor)).max(1)
+        np.testing.assert_allclose(whole.peaks(phases, factor), every, rtol=1e-12)
