@@ -401,6 +401,8 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
         if not first.excitation:
             remarks.append(f"too short for an ambient test: taken as {len(decays)} taps (column `excitation`)")
     else:
+        got, remedy = f"a window of {first.decay:.3g} 1/s", "record without a window"
+        require(not first.decay, one_line(first.file), got, "an ambient record without one", remedy, "decay")
         length = max(2 * 2 * ROWS, sum(record.shape[1] for record in records) // BLOCKS)
         correlations = correlations_of(records, first.references, step, 2 * ROWS, length)
     places, order = (tuple(getattr(each, key) for each in first.responses) for key in ("place", "order"))

@@ -101,6 +101,12 @@ def test_a_reversed_sensor_is_seen(run, folder):
     assert "(at most 10 %) -> turn the direction of the force or the response" in words
 
 
+def test_an_amplitude_without_taps_is_refused(run, folder):
+    code, out, err = run("modal", folder, "--amplitude=0.5")
+    assert (code, out) == (2, "")
+    assert "amplitude: got no posture with taps, expected free decays after taps; leave it out: taps are" in err
+
+
 def test_bad_files_are_refused_all_at_once(run, folder):
     for name in ("alpha60_z.unv", "alpha60_y.unv"):
         data = (folder / name).read_bytes()

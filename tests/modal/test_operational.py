@@ -265,6 +265,11 @@ def test_responses_that_start_at_times_of_their_own_are_aligned(late):
     assert abs(test_of(0.0, late, (3.0, 3.0)) - expected).max() > 0.2 * abs(expected).max()
 
 
+def test_a_window_is_refused_where_no_decay_was_windowed(record):
+    with pytest.raises(InputError, match=r"decay: got a window of 0.3 1/s, expected an ambient record without one"):
+        ambient_tests([replace(as_record(record), decay=0.3)], Processing(band=BAND))
+
+
 # -------- Lines of pulleys
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Complex, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.parts import Point
-from ident.errors import Problem, placed, refusal, refuse
+from ident.errors import Problem, placed, refusal, refuse, require
 from ident.identify.mode_names import Measured, ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import DEFINITIONS, Campaign, Measurement
@@ -81,8 +81,11 @@ def identify_modes(
         amplitude: [m] see `operational_modes`.
 
     Raises:
-        InputError: a test without a mode, with too few hits or lines, or a number of no test.
+        InputError: a test without a mode, with too few hits or lines, a number of no test, or an amplitude without taps.
     """
+    tapped = any(isinstance(test, AmbientTest) and test.decays for test in tests)
+    remedy = "leave it out: taps are records shorter than an ambient test, or those whose excitation is tap"
+    require(tapped or amplitude is None, "amplitude", "no posture with taps", "free decays after taps", remedy)
     near = near or {}
     for number in near:
         if not 1 <= number <= len(tests):
