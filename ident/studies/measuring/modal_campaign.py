@@ -81,7 +81,7 @@ def identify_modes(
         amplitude: [m] see `operational_modes`.
 
     Raises:
-        InputError: a test without a mode, with too few hits or lines, a number of no test, or an amplitude without taps.
+        InputError: a test without a mode, with too few hits or lines; a number of no test; an amplitude without taps.
     """
     tapped = any(isinstance(test, AmbientTest) and test.decays for test in tests)
     remedy = "leave it out: taps are records shorter than an ambient test, or those whose excitation is tap"
