@@ -33,7 +33,7 @@ from ident.cli.output import (
 from ident.errors import InputError, Problem, refusal
 from ident.files import keep_earlier, together
 from ident.studies.following import kept_in
-from ident.studies.options import ADDRESSES, Options, Spec, flag_of, renamed, specs
+from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, other_inputs
 from ident.text import did_you_mean, one_line, quoted, read_text
 from ident.units import in_si, width
@@ -61,8 +61,8 @@ TYPES: dict[type, tuple[Any, str]] = {
 """Accepted types in the file for each type of flag, and their description."""
 LONGEST_SHOWN = 90
 """Longest value repeated in a message [characters]."""
-NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force", *ADDRESSES)
-"""Flags that a file can't set: they apply to one call, or connect with the author of the file."""
+NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force")
+"""Flags that a file can't set: they apply to one call."""
 
 
 def with_defaults(context: typer.Context, values: dict[str, Any], kinds: Mapping[str, Any]) -> dict[str, Any]:
@@ -208,7 +208,7 @@ MAIN: Mapping[str, str] = {
     "joint": "ratio inertia alone locked upto strict",
     "diagnose": "limit settled speed path runs fix restart",
     "explore": "speed load fit posterior payload",
-    "fleet": "workers dask fix free strict",
+    "fleet": "workers fix free strict",
     "modal": "init channels no_modes reproducibility",
 }
 """Main flags by command: its help shows these and `ALWAYS`, and `--help-all` the rest."""

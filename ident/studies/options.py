@@ -16,10 +16,8 @@ from ident.text import did_you_mean
 
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force", "posture")
 """Inputs of studies that the command line takes as flags, too."""
-GONE = ("batch", "revolutions")
+GONE = ("batch", "dask", "revolutions")
 """Options of earlier versions that a record may contain."""
-ADDRESSES = ("dask",)
-"""Connection options: given by the command line and Python, never by a file."""
 WORDS: dict[Any, tuple[type, str]] = {
     bool: (bool, "True or False"),
     int: (Integral, "a whole number"),
@@ -154,7 +152,7 @@ class Options:
             InputError: options of no such study, or out of range.
         """
         types = {each.name: each.type for each, _ in specs(cls)}
-        own = {name: value for name, value in recorded.items() if name not in (*ADDRESSES, *GONE)}
+        own = {name: value for name, value in recorded.items() if name not in GONE}
         if unknown := [name for name in own if name not in types]:
             raise refusal("options", f"the option {unknown[0]}", f"one of {cls.__name__}", "correct it")
         return cls(**{name: _restored(value, types[name]) for name, value in own.items()})

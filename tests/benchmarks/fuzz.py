@@ -390,7 +390,7 @@ def _options(rng: np.random.Generator, command: str) -> Iterator[str]:
     from ident.cli.output import app
 
     every = [each for each in get_command(app).commands[command].params if each.param_type_name == "option"]  # type: ignore[attr-defined]
-    every = [each for each in every if not each.is_flag and each.name not in ("out", "arm", "dask", "workers")]
+    every = [each for each in every if not each.is_flag and each.name not in ("out", "arm", "workers")]
     for each in (pick(rng, every) for _ in range(rng.integers(1, 3))):
         value = pick(rng, (*NUMBERS, *WORDS, "0.5mm", "10 %", "joint1.k_tors=1", "joint1.k_tors=1x:2x", "a=1,b=2"))
         yield f"{max(each.opts, key=len)}={value}".replace("\0", "")

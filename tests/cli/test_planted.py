@@ -100,8 +100,7 @@ READ = {"arm", "fit", "posterior", "path", "trace", "against", "runs", "channels
 WRITTEN_TO = {"out"}
 NAMES = {"load", "payload", "criterion", "point"}
 """What `ident.toml` may set of flags with a path or free text: files that are read, the folder that is written to and
-that a line says, names of parts. Nothing else opens, writes or connects; a new flag of this kind is put here or into
-`ADDRESSES`."""
+that a line says, names of parts. Nothing else opens, writes or connects; a new flag of this kind is put here."""
 
 
 def flags_of_all_commands():
@@ -134,14 +133,3 @@ def test_what_a_result_has_recorded_connects_with_nobody(kind):
     needed = {"tool": True} if "tool" in recorded else {}  # a point is that of the tool
     restored = kind.restored(recorded | needed | dict.fromkeys(texts, "tcp://127.0.0.1:1"))
     assert {name for name in texts if getattr(restored, name)} <= NAMES
-
-
-@pytest.mark.parametrize("text", ["dask = 'tcp://127.0.0.1:1'", "[fleet]\ndask = 'tcp://127.0.0.1:1'"])
-def test_an_address_in_ident_toml_is_refused(run, tmp_path, text):
-    (tmp_path / "robots").mkdir()
-    (tmp_path / "ident.toml").write_text(text)
-    code, out, err = run("fleet", "robots")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert (
-        "got unknown key 'dask', expected a flag of a command, without its dashes; give it on the command line" in err
-    )

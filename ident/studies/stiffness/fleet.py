@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import quote
 
-from ident.errors import InputError, Problem, refusal, require
+from ident.errors import InputError, refusal, require
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
@@ -29,19 +29,13 @@ class FleetOptions(FitOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
 
-    workers: int = option(1, "processes here, of Dask, that compute robots at the same time", low=1, high=1024)
-    dask: str = option("", "address of a Dask scheduler whose workers compute them instead, as tcp://host:8786")
+    workers: int = option(1, "processes that compute robots at the same time", low=1, high=1024)
     normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
-
-    def problems(self) -> list[Problem]:
-        """Refuse local processes together with a cluster."""
-        both = Problem("dask", f"{self.workers} processes here, too", "one of both", "leave `workers` out")
-        return [*super().problems(), *([both] if self.dask and self.workers > 1 else [])]
 
     @property
     def of_each(self) -> "FleetOptions":
         """Return the options that results depend on, without where they are computed."""
-        return replace(self, workers=1, dask="")
+        return replace(self, workers=1)
 
 
 class FleetResult(Result):
@@ -200,7 +194,7 @@ def fleet(
     files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
     if isinstance(robots, str | Path):
         label = label or Path(robots).absolute().name
-    with TemporaryDirectory() as passing, Engine(options) as engine:
+    with TemporaryDirectory() as passing, Engine(options.workers) as engine:
         tasks = [Task(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
         done = [robot for _, robot in zip(steps, outcomes(tasks, engine), strict=True)]

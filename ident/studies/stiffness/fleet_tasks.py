@@ -4,17 +4,14 @@ A result depends only on inputs, options and the program, and a hash of these na
 whoever computes it, and however often.
 """
 
-import json
 import logging
 import os
-import platform
 import shutil
 import signal
-import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import ExitStack, chdir, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -24,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from ident.codec import read_item, value_digest, write_item
-from ident.errors import IdentError, InputError, Problem, refusal, refuse
-from ident.files import digest, write_text
+from ident.errors import IdentError, refusal
+from ident.files import digest
 from ident.text import one_line
 from ident.units import USUAL
 
@@ -134,21 +131,17 @@ class Task:
 
 
 # -------- Fleet engine
-# Tasks of a fleet run in this process, or on the workers of a Dask cluster, local or remote.
+# Tasks of a fleet run in this process, or in the processes of a Dask cluster on this machine.
 #
 # A worker reads a task's files and writes its result file: a killed worker loses only its current task, and finished
 # tasks are skipped.
 
 LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
 """Loggers of Dask that write tracebacks of lost connections."""
-
-CONNECT, WORKERS = 10.0, 30.0
-"""Time limit [s] for the scheduler's first answer, and for a worker to appear."""
-QUIET, ANSWER = 5.0, 15.0
-"""Time [s] without news after which the scheduler is pinged, and time limit [s] for its answer."""
+START, ANSWER = 60.0, 5.0
+"""Time [s] for a worker to appear, and to wait for an answer before Ctrl-C is heard again."""
 OF_JAX = ("jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
-OF_SYSTEM = ("IDENT_PROGRAMS", "EQX_ON_ERROR", "TF_CPP_MIN_LOG_LEVEL")
-"""Settings of jax and of the environment that workers take over."""
+"""Settings of jax that workers take over."""
 APART = {
     "distributed.nanny.environ": {},
     "distributed.nanny.pre-spawn-environ": {},
@@ -157,30 +150,21 @@ APART = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
-"""Dask's settings of a local cluster: whatever a user has set, its workers start anew as here and serve nothing."""
+"""Dask's settings: whatever a user has set, its workers start anew as here and serve nothing."""
 SAFE_PATH = "PYTHONSAFEPATH"
 """Environment variable that makes Python ignore the current folder when it looks for modules."""
-ONE = threading.Lock()
-"""Held while a worker of a cluster does a task: jax uses all cores, and folder and settings belong to the process."""
-
-
-class LostError(IdentError):
-    """The scheduler of a cluster is gone."""
-
-    def __init__(self) -> None:
-        super().__init__("the scheduler of the workers is gone; what is done is kept, and the same command goes on")
 
 
 class Engine(ExitStack):
-    """Run tasks where the options say; a context manager that stays connected to a cluster until it ends.
+    """Run tasks here or in several processes; a context manager that keeps these until it ends.
 
     Args:
-        options: local processes, or a cluster.
+        workers: processes; one is this one.
     """
 
-    def __init__(self, options: "FleetOptions"):
+    def __init__(self, workers: int):
         super().__init__()
-        self.options = options
+        self.workers = workers
         self.cluster: Callable[[list[Task]], Iterator[tuple[Task, str]]] | None = None
 
     def done(self, tasks: list[Task]) -> Iterator[tuple[Task, str]]:
@@ -191,12 +175,11 @@ class Engine(ExitStack):
                 pending.append(task)
             else:
                 yield task, ""
-        if not (self.options.dask or self.options.workers > 1):
+        if self.workers == 1:
             yield from ((task, task.do()) for task in pending)
         elif pending:
             if self.cluster is None:
-                workers = min(self.options.workers, len(tasks))
-                self.cluster = self.enter_context(_cluster(self.options.dask, workers, pending[0].folder))
+                self.cluster = self.enter_context(_cluster(min(self.workers, len(tasks)), pending[0].folder))
             yield from self.cluster(pending)
 
 
@@ -228,12 +211,11 @@ def _handed_out(client: Any, work: Callable[[Task], str], pending: Sequence[Task
         hand_out(task, 1)
     while running:
         try:
-            future = news.get(timeout=QUIET)
+            future = news.get(timeout=ANSWER)
         except Empty:
-            _ask(client)
             continue
         task, times = running.pop(future)
-        wrong = LostError() if future.cancelled() else future.exception()
+        wrong = future.exception()
         if wrong is None:
             yield task, future.result()
         elif task.read() is not None:  # killed after it had written its result
@@ -243,130 +225,76 @@ def _handed_out(client: Any, work: Callable[[Task], str], pending: Sequence[Task
         elif not isinstance(wrong, Exception):
             raise KeyboardInterrupt
         elif times < KILLS:
-            _ask(client)
             hand_out(task, times + 1)
         else:
             yield task, f"{type(wrong).__name__}: {wrong}"
 
 
-def _begin(settings: dict[str, dict[str, Any]]) -> None:
-    """Give a worker the settings of the client process; jax and equinox read some of them at import."""
-    sys.path[:] = filter(None, sys.path)  # an empty entry is the current folder: for a cluster's worker the client's
-    for name in OF_SYSTEM:
-        os.environ.pop(name, None)
-    os.environ.update(settings["system"])
-    import jax
-
-    for name, value in settings["jax"].items():
-        jax.config.update(name, value)
-
-
-def _settings() -> dict[str, dict[str, Any]]:
-    """Return the settings that a worker takes over from this process."""
-    import jax
-
-    system = {name: os.environ[name] for name in OF_SYSTEM if name in os.environ}
-    return {"system": system, "jax": {name: jax.config.values[name] for name in OF_JAX}}
-
-
-def _circumstances() -> dict[str, str]:
-    """Return what must be the same at client and workers, by its name in error messages."""
-    from ident.programs import SOURCES, circumstances
-
-    every = {"ident": SOURCES, **circumstances()}
-    named = {"processor": every.pop("machine"), "XLA_FLAGS or EQX_ON_ERROR": every.pop("flags"), **every.pop("jax")}
-    return {name: str(value) for name, value in (every | named).items()}
-
-
-def attempt(run: Path, folder: Path, task: Task | None = None, *, remote: bool = True) -> str:
-    """Do a task on a cluster's worker, unless it has killed too many workers; return why nothing was written.
+def attempt(run: Path, settings: Mapping[str, Any], task: Task) -> str:
+    """Do a task on a worker, unless it has killed too many of them; return why nothing was written.
 
     A mark in the run's folder exists while the task runs: a mark left behind means a killed worker. Dask's own count
     would not do: it also blames tasks that only waited at that worker.
 
     Args:
-        run: a folder that the client made for this run, with a file that identifies it.
-        folder: base of relative paths.
-        task: None to test only whether this worker could do one.
-        remote: whether the worker may be of another machine.
+        run: a folder that the client made for this run.
+        settings: of jax.
+        task: to be done.
 
     Raises:
-        InputError: the worker has other versions, or can't read and write the client's folder.
+        InputError: the folder can't be written.
     """
-    where = f"dask, worker on {platform.node()}"
-    with ONE:
-        try:
-            client = json.loads((run / "client").read_text("utf-8"))
-            _begin(client["settings"])
-            own = _circumstances()
-            if other := [name for name, value in client["circumstances"].items() if own.get(name) != value]:
-                got, expected = f"another {', '.join(other)} than here", "results that are the same to the bit"
-                raise refusal(where, got, expected, "install the same versions, on like machines")
-            with chdir(folder):
-                marks = run / (task.file.name if task else "probe")
-                marks.mkdir(exist_ok=True)
-                if task is None or task.read() is not None:
-                    return ""
-                if len(os.listdir(marks)) >= KILLS:
-                    return KILLED
-                mark = marks / uuid4().hex
-                mark.touch()
-                reason = task.do()
-                mark.unlink()
-                return reason
-        except OSError as error:
-            if not remote:
-                got, expected = f"{run.parent}, which cannot be used ({error.strerror})", "a folder to write in"
-                raise refusal("workers", got, expected, "make room there, or name another (--out)") from None
-            got = f"another folder {run.parent} than here ({error.strerror})"
-            remedy = "give one on a shared disk (--out), inputs there too"
-            raise refusal(where, got, "one that all can read and write", remedy) from None
+    import jax
+
+    for name, value in settings.items():
+        jax.config.update(name, value)
+    try:
+        marks = run / task.file.name
+        marks.mkdir(parents=True, exist_ok=True)
+        if len(os.listdir(marks)) >= KILLS:
+            return KILLED
+        mark = marks / uuid4().hex
+        mark.touch()
+        reason = task.do()
+        mark.unlink()
+        return reason
+    except OSError as error:
+        got, expected = f"{run.parent}, which cannot be used ({error.strerror})", "a folder to write in"
+        raise refusal("workers", got, expected, "make room there, or name another (--out)") from None
 
 
 @contextmanager
-def _cluster(
-    remote: str | None, workers: int, folder: Path
-) -> Iterator[Callable[[list[Task]], Iterator[tuple[Task, str]]]]:
-    """Connect to a Dask scheduler whose workers share a folder with this machine; yield the function that runs tasks.
+def _cluster(workers: int, folder: Path) -> Iterator[Callable[[list[Task]], Iterator[tuple[Task, str]]]]:
+    """Start a cluster on this machine; yield the function that runs tasks.
 
     Args:
-        remote: address of the scheduler; None for a local cluster.
-        workers: processes of the local cluster.
+        workers: its processes.
         folder: where tasks write.
 
     Raises:
-        InputError: no Dask here, or no scheduler or workers there; workers of other versions, or without the folder.
-        LostError: the scheduler was lost.
+        InputError: no Dask here, or processes that do not start.
     """
     try:
+        import cryptography  # noqa: F401  its certificates
         from distributed import Client
-
-        if not remote:
-            import cryptography  # noqa: F401  certificates of a local cluster
     except ImportError as error:
-        where, got = ("dask", "an address") if remote else ("workers", f"{workers} processes")
-        remedy = "pip install 'ident-arm[dask]'"
-        raise refusal(where, f"{got} without the package {error.name}", "it installed", remedy) from None
+        got, remedy = f"{workers} processes without the package {error.name}", "pip install 'ident-arm[dask]'"
+        raise refusal("workers", got, "it installed", remedy) from None
+    import jax
+
     before = {logger: logger.level for logger in map(logging.getLogger, LOGGERS)}
     for logger in before:
-        logger.setLevel(logging.CRITICAL)  # a lost scheduler gives one line, from us
+        logger.setLevel(logging.CRITICAL)  # a killed worker gives one line, from us
     run, at_end = folder.absolute() / f".attempts-{uuid4().hex}", ExitStack()
     try:
         try:
-            address = remote or at_end.enter_context(_local_cluster(workers))
-            client = Client(address, timeout=CONNECT, set_as_default=False)
+            cluster = at_end.enter_context(local_cluster(workers))
+            client = at_end.enter_context(Client(cluster, set_as_default=False))
+            client.wait_for_workers(1, timeout=START)
         except (OSError, ValueError, TypeError, RuntimeError) as error:
-            why = one_line(str(error))[:100]
-            if not remote:
-                got, remedy = f"{workers} processes that do not start ({why})", "ask for fewer, or for none"
-                raise refusal("workers", got, "a cluster on this machine", remedy) from None
-            remedy = "start `dask scheduler` there, or correct the address (tcp://host:8786)"
-            raise refusal("dask", f"no scheduler at {remote} ({why})", "one that answers", remedy) from None
-        at_end.callback(_take_leave, client)
-        work = partial(attempt, run, Path.cwd(), remote=bool(remote))
-        write_text(run / "client", json.dumps({"settings": _settings(), "circumstances": _circumstances()}))
-        _check(client, work)
-        yield partial(_handed_out, client, work)
+            got = f"{workers} processes that do not start ({one_line(str(error))[:100]})"
+            raise refusal("workers", got, "a cluster on this machine", "ask for fewer, or for none") from None
+        yield partial(_handed_out, client, partial(attempt, run, {name: jax.config.values[name] for name in OF_JAX}))
     finally:
         shutil.rmtree(run, ignore_errors=True)
         with suppress(OSError):
@@ -376,13 +304,8 @@ def _cluster(
             logger.setLevel(level)
 
 
-def _take_leave(client: Any) -> None:
-    with suppress(Exception):  # a lost scheduler can't answer
-        client.close(timeout=1)
-
-
 @contextmanager
-def _local_cluster(workers: int) -> Iterator[Any]:
+def local_cluster(workers: int) -> Iterator[Any]:
     """Start a cluster of local processes, which look for no modules in the current folder.
 
     Anybody may have written to that folder. A temporary certificate keeps other users of the machine from connecting,
@@ -421,33 +344,3 @@ def _local_cluster(workers: int) -> Iterator[Any]:
             signal.signal(signal.SIGINT, before)
         if own:
             del os.environ[SAFE_PATH]
-
-
-def _check(client: Any, work: Callable[[], str]) -> None:
-    """Refuse workers that could not do a task, before the first computation."""
-    try:
-        client.wait_for_workers(1, timeout=WORKERS)
-        answers = client.run(work, on_error="return")
-    except TimeoutError:
-        got = "a scheduler without workers"
-        raise refusal("dask", got, "one at least", "start `dask worker`") from None
-    except Exception:  # any error of Dask, asyncio or the system
-        raise LostError from None
-    problems: list[Problem] = []
-    for name, wrong in answers.items():
-        if isinstance(wrong, InputError):
-            problems += wrong.problems
-        elif wrong:
-            got, remedy = f"{type(wrong).__name__}: {wrong}", "install the same versions"
-            problems.append(Problem(f"dask, worker {name}", got, "ident as it is here", remedy))
-    refuse(dict.fromkeys(problems))
-
-
-def _ask(client: Any) -> None:
-    """Ask whether the scheduler is alive and knows this client's tasks."""
-    try:
-        client.sync(client.scheduler.identity, callback_timeout=ANSWER)
-    except Exception:
-        raise LostError from None
-    if not client.futures:
-        raise LostError
