@@ -302,17 +302,10 @@ class Superposition:
         parts = np.stack([np.abs(self.sure), each[~self.of_error].sum(0), each[self.of_error].sum(0)])
         return np.take_along_axis(parts, self.envelope.argmax(1)[None, :, None], 2)[..., 0]
 
-    def at(self, phases: Phases, factors: Phases | None = None) -> Float[np.ndarray, "3 T *K"]:
-        """Return the vibration with some phases, and with what excites multiplied by factors [m]."""
-        factors = np.ones_like(phases) if factors is None else factors
-        turned = np.tensordot(self.cosine, np.cos(phases) * factors, ((0,), (0,)))
-        turned += np.tensordot(self.sine, np.sin(phases) * factors, ((0,), (0,)))
-        return turned + self.sure.reshape((*self.sure.shape, *(1,) * (phases.ndim - 1)))
-
     def peaks(
         self, phases: Float[np.ndarray, "U K"], factors: Float[np.ndarray, "U K"] | None = None
     ) -> Float[np.ndarray, "3 K"]:
-        """Return the peak in each direction with each of some phases, see `at` [m].
+        """Return the peak in each direction with each of some phases, and responses multiplied by factors [m].
 
         Times come in the order of what the vibration can be there, and end where it cannot be a peak.
         """

@@ -104,3 +104,10 @@ def apart(a, b, axis: int = 1) -> np.ndarray:
     """Largest difference in each direction, as a part of b's largest value there."""
     a, b = np.asarray(a), np.asarray(b)
     return np.abs(a - b).max(axis) / np.abs(b).max(axis)
+
+
+def vibration_at(whole, phases, factors=1.0):
+    """The vibration of a superposition with some phases, its responses multiplied by factors, (3, T, ...) [m]."""
+    turned = np.tensordot(whole.cosine, np.cos(phases) * factors, ((0,), (0,)))
+    turned += np.tensordot(whole.sine, np.sin(phases) * factors, ((0,), (0,)))
+    return turned + whole.sure.reshape((*whole.sure.shape, *(1,) * (phases.ndim - 1)))

@@ -11,7 +11,7 @@ from arms import DATA
 from conformance import agrees
 from driven_arms import random_state
 from numpy.polynomial import Polynomial
-from runs import along
+from runs import along, vibration_at
 
 from ident.arm.arm import Arm
 from ident.arm.multibody import Command, Multibody, Turning, multibody, pins
@@ -138,7 +138,7 @@ def test_the_fast_method_as_a_sum_over_phases_against_the_exact_method() -> None
     whole = superposition(wavy(), MOTION, phases, rate=RATE)
     # measured: 7.3e-4
     what, source = "errors of several orders, sum over phases", "exact equations"
-    agrees(whole.at(given), exact, "vibration", what, source, largest=1e-3, unit="m")
+    agrees(vibration_at(whole, given), exact, "vibration", what, source, largest=1e-3, unit="m")
     assert (np.hypot(whole.cosine, whole.sine).max((1, 2)) > 0.03 * np.abs(exact).max()).all()
     assert whole.of_error.tolist() == [True, False, True]
     np.testing.assert_allclose(whole.division.sum(0), whole.worst, rtol=1e-12)

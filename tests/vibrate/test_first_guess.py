@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import first_guess_arm
+from runs import vibration_at
 
 from ident.arm.arm import Arm
 from ident.vibrate.motion import Motion, stroke
@@ -82,4 +83,4 @@ def test_the_phases_decide_whether_a_cure_holds(factor: float, low: float, high:
     peaks = 1e3 * whole.peaks(np.random.default_rng(0).uniform(0, 2 * np.pi, (3, 1000))).max(0)
     assert (peaks.min(), peaks.max()) == pytest.approx((low, high), abs=1e-3)
     assert (peaks <= 0.5).mean() == pytest.approx(kept, abs=0.002)
-    assert (1e3 * np.abs(whole.at(np.zeros(3))).max() <= 0.5) == (factor > 1)
+    assert (1e3 * np.abs(vibration_at(whole, np.zeros(3))).max() <= 0.5) == (factor > 1)

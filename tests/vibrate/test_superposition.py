@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from arms import first_guess_arm, lcd_arm
 from conformance import agrees
-from runs import SAMPLES, STEPS, off, scaled, short, swing, with_error
+from runs import SAMPLES, STEPS, off, scaled, short, swing, vibration_at, with_error
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
@@ -60,12 +60,12 @@ def test_no_phases_exceed_the_worst_and_some_come_near() -> None:
     peaks = whole.peaks(phases)
     assert (peaks <= whole.worst[:, None]).all()
     assert (peaks.max(1) > 0.7 * whole.worst).all()
-    np.testing.assert_allclose(peaks[:, 7], np.abs(whole.at(phases[:, 7])).max(1), rtol=1e-12)
+    np.testing.assert_allclose(peaks[:, 7], np.abs(vibration_at(whole, phases[:, 7])).max(1), rtol=1e-12)
     np.testing.assert_allclose(whole.division.sum(0), whole.worst, rtol=1e-12)
     worst = np.array([whole.worst_phases()[path] for path in whole.unknown])
-    assert np.abs(whole.at(worst)).max() == pytest.approx(whole.worst.max(), rel=1e-9)
+    assert np.abs(vibration_at(whole, worst)).max() == pytest.approx(whole.worst.max(), rel=1e-9)
     alone, what = short(with_phases(wavy(), whole, worst), SWING).vibration, "sum over phases, at the worst ones"
-    agrees(whole.at(worst), alone, "vibration", what, "the simulation with them", largest=3e-4, unit="m")
+    agrees(vibration_at(whole, worst), alone, "vibration", what, "the simulation with them", largest=3e-4, unit="m")
 
 
 @pytest.mark.slow
@@ -77,8 +77,8 @@ def test_what_is_left_out_is_of_second_order() -> None:
         weak, phases = scaled(arm, "eccentricity", factor), random_phases(1, 5)[:2, 0]
         whole = summed(weak, imbalance(weak)[1:], elastic_belts=True)
         alone = short(with_phases(weak, whole, phases), SWING, elastic_belts=True).vibration
-        assert off(whole.at(phases), alone) < 3e-4
-        return float(np.abs(whole.at(phases) - alone).max())
+        assert off(vibration_at(whole, phases), alone) < 3e-4
+        return float(np.abs(vibration_at(whole, phases) - alone).max())
 
     what, source = "what the sum over phases leaves out", "second order: a hundredth of a tenth's"
     agrees(left_out(0.1), left_out(1.0) / 100, "vibration", what, source, rtol=0.05, unit="m")
@@ -150,7 +150,7 @@ def test_what_kinematic_errors_do_to_the_first_guess() -> None:
     phases = np.array([float(arm.get(path)) for path in whole.unknown])
     for times, peak, worst in ((0, 0.706, 0.792), (1, 0.763, 1.252), (10, 6.203, 7.672)):
         factors = np.where(whole.of_error, times, 1.0)
-        assert 1e3 * np.abs(whole.at(phases, factors)).max() == pytest.approx(peak, rel=5e-3)
+        assert 1e3 * np.abs(vibration_at(whole, phases, factors)).max() == pytest.approx(peak, rel=5e-3)
         cosine, sine = (part * factors[:, None, None] for part in (whole.cosine, whole.sine))
         assert 1e3 * replace(whole, cosine=cosine, sine=sine).worst.max() == pytest.approx(worst, rel=1e-3)
 
@@ -174,6 +174,6 @@ def test_peaks_leave_out_only_times_that_cannot_have_one(largest):
     sure = np.where(time < 6, 0.8, 0.1) * random.standard_normal((3, 3000))
     whole = Superposition(time, ("a", "b"), np.zeros(2, bool), sure, cosine, sine)
     phases, factors = random.uniform(0, 2 * np.pi, (2, 200)), random.uniform(0.1, largest, (2, 200))
-    for factor in (None, factors):
-        every = np.abs(whole.at(phases, factor)).max(1)
-        np.testing.assert_allclose(whole.peaks(phases, factor), every, rtol=1e-12)
+    for given in ((phases,), (phases, factors)):
+        every = np.abs(vibration_at(whole, *given)).max(1)
+        np.testing.assert_allclose(whole.peaks(*given), every, rtol=1e-12)
