@@ -10,7 +10,7 @@ shipped hammer test, with so many seeds of its noise: chi-squared of the frequen
 import argparse
 import json
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +24,14 @@ from modal import covered
 from tapped import POSTURE, RATE, tap_test, tapped
 
 import ident
+from ident.arm.chain import body_axes
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_names import Measured, label_modes
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.measure import Load
+from ident.modal.frf import Place
 from ident.modal.operational import operational_modes
 
 NOISES = (0.3, 3.0)
@@ -66,7 +68,11 @@ def one_test(truth, noise, seed, arm=None) -> dict:
 def named(arm, truth, modes) -> list[str]:
     """Return for each mode whether its name is right, wrong or doubtful."""
     load, posture = Load.parse(generator().LOAD), tuple(np.radians(POSTURE))
-    (labels,) = label_modes(arm, [Measured(posture, modes, load)], stiffness_parameters(arm, Unknowns()))
+    links = {joint.name: joint.link[0].name for joint in arm.joints}
+    axes = {point.name: body_axes(arm, np.array(posture), links[point.joint]) for point in arm.points}  # of the sensors
+    places = tuple(Place(each.point, tuple(axes[each.point] @ each.direction)) for each in modes.responses)
+    test = Measured(posture, replace(modes, responses=places), load)
+    (labels,) = label_modes(arm, [test], stiffness_parameters(arm, Unknowns()))
     known = modal_analysis(arm, np.array(posture), load, modes=12)
     words = []
     for label, j in zip(labels.given, matched(truth, modes), strict=True):
