@@ -7,6 +7,7 @@ import gc
 import os
 import platform
 import textwrap
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,11 +18,13 @@ from ident.cli import running
 from ident.cli.command import (
     ArmOption,
     CampaignArgument,
+    FontOption,
     ForceOption,
     NoFigureOption,
     OutOption,
     PathOption,
     command,
+    finish,
     flag,
     offer,
     output,
@@ -42,6 +45,7 @@ from ident.studies.look.explore import explore
 from ident.studies.look.new import KINDS
 from ident.studies.look.predict import predict
 from ident.studies.measuring.modal import ModalOptions, modal_test, new_channels
+from ident.studies.result import check_pdf
 from ident.studies.stiffness.check import check
 from ident.studies.stiffness.compare import compare
 from ident.studies.stiffness.fit import fit
@@ -333,6 +337,37 @@ def rerun(
         raise typer.Exit(SHORT)
 
 
+@plain
+def bind(
+    results: Annotated[list[Path], typer.Argument(metavar="results", help="saved results, as out/*.json")],
+    title: flag("title of the first page", kind=str) = "Report",
+    customer: flag("for whom", kind=str) = "",
+    by: flag("who made the measurements", kind=str) = "",
+    serial: flag("serial number of the robot", kind=str) = "",
+    instruments: flag("what was measured with", kind=str) = "",
+    logo: flag("PNG or JPEG image above the title") = None,
+    pdf: flag("write it as a PDF in A4, too", kind=bool) = False,
+    font: FontOption = None,
+    out: OutOption = Path("out"),
+    force: ForceOption = False,
+) -> None:
+    """Bind saved results into one page, with a first page to sign.
+
+    It has verdict, cause and remedy, then the results in the order of the way, with the figures beside their files;
+    --details adds the details of each. What is not given is left open, to be filled in by hand. Writes report.html and,
+    with --pdf, report.pdf into the folder given by --out.
+    """
+    from ident.studies.bind import bind as bound
+
+    if pdf:
+        check_pdf()
+    running.check_folder(out)
+    lines = {"Customer": customer, "Serial number": serial, "Measured with": instruments, "By": by}
+    signed = [*lines.items(), ("Date", ""), ("Signature", "")]
+    page = bound(results, title=title, signed=signed, logo=logo, details=output().details)
+    finish(page, out, [partial(page.save_page, pdf=pdf, font=font)], files=False)
+
+
 # -------- Describing
 # Commands about files: the content and names of an arm, the report of a result.
 
@@ -456,7 +491,7 @@ def new(
 # `ident diagnose`: prints each finished stage, and frees the memory of a stage.
 
 
-@command(DiagnoseOptions, figures=False, judged=True)
+@command(DiagnoseOptions, judged=True)
 def diagnose_command(
     campaign: CampaignArgument,
     options: DiagnoseOptions,
@@ -470,8 +505,8 @@ def diagnose_command(
 
     Stiffnesses, natural frequencies along the motion, resonance, vibration against the limit; remedies by their effort:
     another speed, mass centres, torsional stiffness. Continues an earlier run of the same inputs that was stopped.
-    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
-    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
+    Writes CAMPAIGN.diagnose.json, the posterior CAMPAIGN.diagnose.nc and figures into the folder given by --out; with
+    --page a page, in which the arm can be changed by hand. Exit status 3 where the chains are too short.
     """
     measured, arm_file = running.read(campaign, arm)
     import jax
@@ -513,6 +548,7 @@ offer(
     and steady response, and computes them itself: one HTML file, no network, no server. Writes ARM.explore.html into
     the folder given by --out.
     """,
+    pages=False,
     measured=flag("measurements to show beside, a CSV file (data/README.md)", "--campaign"),
 )
 
