@@ -34,8 +34,9 @@ from ident.cli.output import (
 from ident.errors import InputError, Problem, refusal
 from ident.files import keep_earlier, together
 from ident.studies.following import kept_in
+from ident.studies.handout import check_pdf, hand_over
 from ident.studies.options import ADDRESSES, Options, Spec, flag_of, renamed, specs
-from ident.studies.result import Result, check_pdf, other_inputs
+from ident.studies.result import Result, other_inputs
 from ident.text import did_you_mean, one_line, quoted, read_text
 from ident.units import in_si, width
 
@@ -291,7 +292,7 @@ def command(kind: type[Options], *, files: bool = True, pages: bool = True, judg
                 for result in function(**inputs, options=options):
                     more = [result.save_figures] * (files and not values["no_figure"])
                     if page or pdf:
-                        more.append(partial(result.save_page, html=page, pdf=pdf, font=values["font"]))
+                        more.append(partial(hand_over, result, page=page, pdf=pdf, font=values["font"]))
                     finish(result, out, more, files=files)
                     failed = result.short or bool(values.get("strict") and result.doubtful)
                 if failed:

@@ -41,11 +41,11 @@ from ident.studies.cure.design import design
 from ident.studies.cure.diagnose import DiagnoseOptions, diagnose, discard_stages, part_folder
 from ident.studies.cure.motion import motion
 from ident.studies.following import kept_in
+from ident.studies.handout import hand_over
 from ident.studies.look.explore import explore
 from ident.studies.look.new import KINDS
 from ident.studies.look.predict import predict
 from ident.studies.measuring.modal import ModalOptions, modal_test, new_channels
-from ident.studies.result import check_pdf
 from ident.studies.stiffness.check import check
 from ident.studies.stiffness.compare import compare
 from ident.studies.stiffness.fit import fit
@@ -342,14 +342,12 @@ def bind(
     results: Annotated[list[Path], typer.Argument(metavar="results", help="saved results, as out/*.json")],
     title: flag("title of the first page", kind=str) = "Report",
     customer: flag("for whom", kind=str) = "",
-    by: flag("who made the measurements", kind=str) = "",
+    by: flag("who measured", kind=str) = "",
     serial: flag("serial number of the robot", kind=str) = "",
-    instruments: flag("what was measured with", kind=str) = "",
     logo: flag("PNG or JPEG image above the title") = None,
     pdf: flag("write it as a PDF in A4, too", kind=bool) = False,
     font: FontOption = None,
     out: OutOption = Path("out"),
-    force: ForceOption = False,
 ) -> None:
     """Bind saved results into one page, with a first page to sign.
 
@@ -359,13 +357,10 @@ def bind(
     """
     from ident.studies.bind import bind as bound
 
-    if pdf:
-        check_pdf()
     running.check_folder(out)
-    lines = {"Customer": customer, "Serial number": serial, "Measured with": instruments, "By": by}
-    signed = [*lines.items(), ("Date", ""), ("Signature", "")]
-    page = bound(results, title=title, signed=signed, logo=logo, details=output().details)
-    finish(page, out, [partial(page.save_page, pdf=pdf, font=font)], files=False)
+    lines = {"Customer": customer, "Serial number": serial, "Measured with": "", "By": by, "Date, signature": ""}
+    page = bound(results, title=title, signed=lines, logo=logo, details=output().details)
+    finish(page, out, [partial(hand_over, page, pdf=pdf, font=font)], files=False)
 
 
 # -------- Describing
@@ -505,8 +500,8 @@ def diagnose_command(
 
     Stiffnesses, natural frequencies along the motion, resonance, vibration against the limit; remedies by their effort:
     another speed, mass centres, torsional stiffness. Continues an earlier run of the same inputs that was stopped.
-    Writes CAMPAIGN.diagnose.json, the posterior CAMPAIGN.diagnose.nc and figures into the folder given by --out; with
-    --page a page, in which the arm can be changed by hand. Exit status 3 where the chains are too short.
+    Writes CAMPAIGN.diagnose.json, .png (the vibration) and .nc (the posterior) into the folder given by --out; with
+    --page or --pdf the figures of all stages. Exit status 3 where the posterior's chains are too short.
     """
     measured, arm_file = running.read(campaign, arm)
     import jax
@@ -642,7 +637,7 @@ def modal_command(
 # -------- Doctor
 # The command `ident doctor`: information to send with a question.
 
-OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "distributed", "dynesty")
+OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "distributed", "dynesty", "fpdf2")
 """Libraries for some inputs and options."""
 
 

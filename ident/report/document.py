@@ -219,7 +219,8 @@ def _table(data: Mapping[str, Any]) -> Table:
     rows, strong = tuple(map(tuple, data["rows"])), tuple(map(int, data["strong"]))
     if not all(isinstance(cell, str | float | int | None) for row in rows for cell in row):
         raise TypeError
-    return Table(rows=rows, strong=strong, brief=bool(data["brief"]), **words, **lists)  # type: ignore[arg-type]
+    data = {name: value for name, value in data.items() if name != "links"}  # of earlier versions
+    return Table(**{**data, **words, **lists, "rows": rows, "strong": strong})
 
 
 # -------- netCDF

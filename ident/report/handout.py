@@ -21,8 +21,6 @@ OUT = re.compile(r" --out (?:'[^']*'|\S+)")
 """The folder that a proposed command writes to."""
 INPUTS = ("what", "file", "SHA-256")
 """Head of the table of input files."""
-TITLE_MAX = 120
-"""Characters of a title."""
 
 
 def page_of(report: Report, head: Mapping[str, Any], pictures: Sequence[Picture] = ()) -> Page:
@@ -35,15 +33,12 @@ def page_of(report: Report, head: Mapping[str, Any], pictures: Sequence[Picture]
     """
     report, head = named_only(report, head)
     subject, *more = report.subject.splitlines()
-    following = [f"Next: {report.next}"] if report.next else []
-    answer, *sections = sections_of(report, pictures)
-    answer = Section(answer.title, (*answer.parts, *following), answer.pictures)
     return Page(
-        cut(subject, TITLE_MAX),
+        cut(subject, 120),
         "; ".join([*map(str.strip, more), str(head["created"])[:10]]),
         report.verdict,
         summary_of(report),
-        tuple(each for each in (answer, *sections) if each.parts or each.pictures),
+        sections_of(report, pictures),
         inputs_table(head),
         provenance(head),
     )
@@ -57,12 +52,12 @@ def summary_of(report: Report) -> tuple[tuple[str, str], ...]:
 
 
 def sections_of(report: Report, pictures: Sequence[Picture]) -> tuple[Section, ...]:
-    """Return answer, figures and details of a report as sections; the answer has no part that `summary_of` has."""
+    """Return the answer of a report, with its figures, and its details; without the lines of `summary_of`."""
     answer = [part for part in report.answer if not (isinstance(part, str) and LABEL.match(part))]
     parts: list[Part] = [part for part in answer if not (report.details and isinstance(part, Table) and part.brief)]
-    remark = [report.remark] if report.remark else []
+    remarks = [report.remark] * bool(report.remark) + [f"Next: {report.next}"] * bool(report.next)
     details = (Section(each.title, each.parts) for each in report.details)
-    return Section("Answer", (*parts, *remark)), Section("Figures", (), tuple(pictures)), *details
+    return Section("Answer", (*parts, *remarks), tuple(pictures)), *details
 
 
 def inputs_table(head: Mapping[str, Any]) -> Table:

@@ -1,7 +1,7 @@
 """A report as one HTML file: no other file, nothing from the network, no script.
 
-The texts of a page come from files of unknown authors. Every text goes through `shown` and Jinja2's autoescape, and a
-content security policy refuses any remaining request of a text.
+The texts of a page come from files of unknown authors. Every text goes through `shown` and Jinja2's autoescape, see
+`ident.report.templates`; a content security policy refuses any remaining request of a text.
 """
 
 import base64
@@ -9,14 +9,11 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 from io import BytesIO
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, StrictUndefined, Template
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -24,7 +21,7 @@ from PIL import Image
 
 from ident.errors import refusal
 from ident.files import write_text
-from ident.report.report import KEPT
+from ident.report.templates import template_of
 from ident.text import one_line, read_bytes
 
 if TYPE_CHECKING:
@@ -108,30 +105,13 @@ class Page:
 
 def render(page: Page) -> str:
     """Return a page as HTML; the same page gives the same text."""
-    return template_of("ident.report", "page.html.jinja").render(page=page) + "\n"
-
-
-@cache
-def template_of(package: str, file: str) -> Template:
-    """Return a template of a package, by its file there."""
-    environment = Environment(
-        autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"columns": columns, "data_uri": data_uri}
-    return environment.from_string((files(package) / file).read_text("utf-8"))
+    template = template_of("ident.report", "page.html.jinja")
+    return template.render(page=page, columns=columns, data_uri=data_uri) + "\n"
 
 
 def write_page(page: Page, path: Path) -> None:
     """Write a page as HTML, completely or not at all."""
     write_text(path, render(page))
-
-
-def shown(value: object) -> object:
-    """Return a text as the page shows it: control characters and changes of text direction become visible.
-
-    Output of the template itself stays unchanged.
-    """
-    return value if hasattr(value, "__html__") else one_line(str(value).replace(KEPT, " "))
 
 
 def columns(table: "Table") -> list[str]:

@@ -3,6 +3,7 @@
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zlib import compress
 
 from fpdf import FPDF
 from fpdf.enums import XPos, YPos
@@ -12,8 +13,9 @@ from PIL import Image
 
 from ident.errors import require
 from ident.files import replace_file
-from ident.report.page import Page, Picture, Section, columns, shown
-from ident.report.report import Kind, Table, cut
+from ident.report.page import Page, Picture, Section, columns
+from ident.report.report import Table, cut
+from ident.report.templates import shown
 from ident.text import one_line
 
 WIDTH, HEIGHT, MARGIN, FOOT = 210.0, 297.0, 16.0, 18.0
@@ -28,14 +30,10 @@ LABELS, WIDEST = 32.0, 70.0
 """Width of a list's labels, and up to which a word widens its column [mm]."""
 LINES_MAX, LETTER = 14, 0.5
 """Lines of a cell before it is cut, lest a row is higher than a page; width of a letter, relative to its size."""
-COLORS, DOTS = 128, 150.0
-"""Colours of a figure, and its resolution [1/inch]."""
-INK, SOFT, RULE, BAND = (27, 31, 36), (87, 96, 106), (208, 215, 222), (243, 245, 247)
-COLOURS: dict[Kind, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
-    "good": ((15, 83, 35), (223, 245, 227)),
-    "caution": ((107, 61, 0), (255, 241, 204)),
-    "bad": ((134, 21, 27), (255, 227, 225)),
-}
+RESOLUTIONS, HEAVY = ((200.0, 64), (115.0, 32)), 100_000
+"""Dots of a figure [1/inch] and its colours; the second where the first has more bytes than these: traces of noise."""
+INK, SOFT, RULE, BAND = "#1b1f24", "#57606a", "#d0d7de", "#f3f5f7"
+COLOURS = {"good": ("#0f5323", "#dff5e3"), "caution": ("#6b3d00", "#fff1cc"), "bad": ("#86151b", "#ffe3e1")}
 """Letters and ground of a verdict."""
 
 
@@ -55,8 +53,7 @@ def write_pdf(page: Page, path: Path, font: str | Path | None = None) -> None:
     known = f"letters of DejaVu Sans{f' or {one_line(Path(font).name)}' if font else ''}"
     got = ", ".join(f"{letter} (U+{ord(letter):04X})" for letter in [*paper.missing][:3])
     require(not got, one_line(path.name), got, known, "give a TrueType font that has it (`font`)")
-    data = bytes(paper.output())
-    replace_file(path, lambda file: file.write(data), make_folders=True)
+    replace_file(path, lambda file: file.write(paper.output()), make_folders=True)
 
 
 class _Paper(FPDF):
@@ -81,7 +78,7 @@ class _Paper(FPDF):
         self.letters = {code for key in ("body", "other") for code in getattr(self.fonts.get(key), "cmap", ())}
         self.set_title(self.words(title))
         self.set_lang("en")
-        self.set_draw_color(*RULE)
+        self.set_draw_color(RULE)
         self.add_page()
 
     def footer(self) -> None:
@@ -97,10 +94,10 @@ class _Paper(FPDF):
         self.missing |= dict.fromkeys(letter for letter in text if ord(letter) not in self.letters)
         return text
 
-    def style(self, size: float, bold: bool = False, colour: tuple[int, int, int] = INK) -> float:
+    def style(self, size: float, bold: bool = False, colour: str = INK) -> float:
         """Choose letters; return the height of their line [mm]."""
         self.set_font("body", "B" if bold else "", size)
-        self.set_text_color(*colour)
+        self.set_text_color(colour)
         return LINE * size * 25.4 / 72
 
     def text_block(self, text: str, size: float = BODY, *, gap: float = GAP, fill: bool = False, **style: Any) -> None:
@@ -119,7 +116,7 @@ class _Paper(FPDF):
             self.text_block(page.subtitle, colour=SOFT)
         if page.verdict:
             ink, ground = COLOURS[page.verdict.kind]
-            self.set_fill_color(*ground)
+            self.set_fill_color(ground)
             self.text_block(page.verdict.word, HEADING, gap=0, fill=True, bold=True, colour=ink)
             self.text_block(page.verdict.reason, fill=True, colour=ink)
             self.set_fill_color(255)
@@ -151,9 +148,16 @@ class _Paper(FPDF):
             self.add_page(orientation=turn)
 
     def _image(self, picture: Picture, widest: float, highest: float) -> None:
-        with Image.open(BytesIO(picture.png)) as image:
-            scale = min(widest / image.width, highest / image.height, 25.4 / DOTS)
-            size, drawn = (scale * image.width, scale * image.height), image.convert("RGB").quantize(COLORS)
+        with Image.open(BytesIO(picture.png)) as opened:
+            image = opened.convert("RGB")
+        scale = min(widest / image.width, highest / image.height, 25.4 / 150)
+        size = scale * image.width, scale * image.height
+        for dots, colors in RESOLUTIONS:
+            share = min(1.0, scale * dots / 25.4)
+            shrunk = image.resize([max(1, round(share * each)) for each in image.size], Image.Resampling.LANCZOS)
+            drawn = shrunk.quantize(colors)
+            if len(compress(drawn.tobytes())) < HEAVY:
+                break
         self._room(size[1] + 10)
         self.image(drawn, self.l_margin, self.y, *size, alt_text=self.words(picture.alt))
         self.set_y(self.y + size[1] + GAP)
@@ -163,7 +167,8 @@ class _Paper(FPDF):
         named = [("" if i and label == pairs[i - 1][0] else label, text) for i, (label, text) in enumerate(pairs)]
         if named:
             height, bold = line * self.style(size), FontFace(emphasis="BOLD")
-            self._grid(named, [LABELS, self.epw - LABELS], line_height=height, borders_layout="NONE", first=bold)
+            how = {"line_height": height, "borders_layout": "HORIZONTAL_LINES" if line > 1 else "NONE"}
+            self._grid(named, [LABELS, self.epw - LABELS], first=bold, **how)
 
     def _grid(self, rows: Any, widths: list[float], *, strong: Any = (), first: Any = None, **how: Any) -> None:
         """Draw rows of cells."""

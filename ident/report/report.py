@@ -297,7 +297,7 @@ def without_empty_columns(table: Table) -> Table:
 
 def html_of(report: Report) -> str:
     """Return the first screen as HTML for a notebook."""
-    from ident.report.page import template_of
+    from ident.report.templates import template_of
 
     lines = report.remark, *(with_remedy(each).replace(" -> ", " → ") for each in report.findings[:MOST])
     return template_of("ident.report", "screen.html.jinja").render(report=report, lines=lines)

@@ -1,7 +1,7 @@
 """Bind saved results into one page: a first page to sign, the results in the order of the way, their provenance."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -63,10 +63,11 @@ class Bound(Reported):
 
         parts = {each: named_only(each.sections(), each.record) for each in self.results}
         decisive, _ = parts[self.decisive]
-        others = [(_label(each), f"{report.subject}: {_judged(report)}") for each, (report, _) in parts.items()]
+        rest = ((_label(each), report) for each, (report, _) in parts.items() if report is not decisive)
+        others = ((label, f"{report.subject}: {_judged(report)}") for label, report in rest)
         return Page(
             self.title,
-            decisive.subject,
+            f"{decisive.subject}; {str(self.decisive.record['created'])[:10]}",
             decisive.verdict,
             (*(pair for pair in summary_of(decisive) if pair[0] != "Caution"), *others),
             tuple(section for each, (report, _) in parts.items() for section in self._sections(each, report)),
@@ -79,14 +80,14 @@ class Bound(Reported):
     def _sections(self, result: Saved, report: Report) -> "Iterator[Section]":
         """Yield a result: its first screen and figures, and its details."""
         from ident.report.handout import sections_of, summary_of
-        from ident.report.page import Section, picture_in
+        from ident.report.page import picture_in
 
         stem, since = result.path.stem, result.path.stat().st_mtime - LATER
         files = [result.path.with_name(f"{stem}.png"), *sorted(result.path.parent.glob(f"{escape(stem)}.*.png"))]
         figures = [picture_in(file, file.stem) for file in files if file.is_file() and file.stat().st_mtime > since]
-        answer, _, *details = sections_of(report, ())
+        answer, *details = sections_of(replace(report, next=""), figures)
         words = [_judged(report), *(f"{label}: {text}" for label, text in summary_of(report))]
-        yield Section(report.subject, (*words, *answer.parts), tuple(figures))
+        yield replace(answer, title=report.subject, parts=(*words, *answer.parts))
         yield from details if self.details else ()
 
 
@@ -102,7 +103,7 @@ def bind(
     results: Sequence[str | Path],
     *,
     title: str = "Report",
-    signed: Sequence[tuple[str, str]] = (),
+    signed: Mapping[str, str] | None = None,
     logo: str | Path | None = None,
     details: bool = False,
 ) -> Bound:
@@ -111,7 +112,7 @@ def bind(
     Args:
         results: files of `Result.save` or of commands.
         title: of the page.
-        signed: lines of the first page, each with its label: customer, serial number; empty ones are filled in by hand.
+        signed: lines of the first page by label, as {"Customer": "ACME"}; an empty one is filled in by hand.
         logo: PNG or JPEG image.
         details: whether the page has the results' details.
 
@@ -120,7 +121,6 @@ def bind(
     """
     from ident.report.page import picture_in
 
-    loaded = every(load, dict.fromkeys(map(Path, results)))
-    ordered = sorted(loaded, key=lambda each: list(MODULES).index(each.study))
-    mark = None if logo is None else picture_in(Path(logo), "Logo")
-    return Bound(tuple(ordered), title, tuple(signed), mark, details)
+    ordered = sorted(every(load, dict.fromkeys(map(Path, results))), key=lambda each: list(MODULES).index(each.study))
+    mark = picture_in(Path(logo), "Logo") if logo else None
+    return Bound(tuple(ordered), title, tuple((signed or {}).items()), mark, details)

@@ -9,12 +9,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import wraps
-from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast, dataclass_transform, get_args
 
-from ident.errors import InputError, ModelError, refusal, require
+from ident.errors import InputError, ModelError, refusal
 from ident.report.report import WIDTH, Report, html_of, text_of
 from ident.studies import STUDIES, module_of
 from ident.studies.following import kept_in, next_command
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.identify.fit import CampaignFit
-    from ident.report.page import Page
 
 BESIDE = "'s "
 """Between an input and a companion file that was read with it: `campaign's covariance`."""
@@ -74,16 +72,6 @@ def _finite(value: Any) -> bool:
 def silent(description: str, total: int | None = None) -> Wrap:
     """Show nothing."""
     return iter
-
-
-def check_pdf() -> None:
-    """Refuse a PDF if the package for it is not installed.
-
-    Raises:
-        InputError: it is not.
-    """
-    remedy = "pip install 'ident-arm[pdf]'"
-    require(find_spec("fpdf"), "", "a PDF without the package fpdf2", "the extra pdf of ident", remedy)
 
 
 LONG = ("sample", "diagnose", "fleet")
@@ -259,39 +247,6 @@ class Reported:
         """Return the text that the command prints, see `text_of`."""
         return text_of(self.sections(), details=details, width=width, colour=colour)
 
-    def handout(self) -> "Page":
-        """Return the page to hand over: report, figures, inputs; files have their names, without folders."""
-        raise NotImplementedError
-
-    def save_page(
-        self, folder: str | Path, *, html: bool = True, pdf: bool = False, font: str | Path | None = None
-    ) -> tuple[Path, ...]:
-        """Write the page as HTML, as a PDF, or both, under the result's name, and return their paths.
-
-        Args:
-            folder: where they go.
-            html: whether HTML is written.
-            pdf: whether a PDF is written (`pip install 'ident-arm[pdf]'`).
-            font: TrueType font of the PDF for letters that DejaVu Sans lacks.
-
-        Raises:
-            InputError: a file can't be written; a letter that no font has, or a file that is no font; no fpdf2.
-        """
-        from ident.files import together
-        from ident.report.page import write_page
-
-        page, place = self.handout(), Path(folder) / str(getattr(self, "name", ""))
-        paths = {end: place.with_name(place.name + end) for end in (*[".html"] * html, *[".pdf"] * pdf)}
-        with together():
-            if html:
-                write_page(page, paths[".html"])
-            if pdf:
-                check_pdf()
-                from ident.report.pdf import write_pdf
-
-                write_pdf(page, paths[".pdf"], font)
-        return tuple(paths.values())
-
 
 @dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(field,))
 class Result(Reported):
@@ -450,16 +405,6 @@ class Result(Reported):
                 written.append(Path(folder) / f"{self.name}{'.' * bool(word)}{word}.png")
                 save(figure, written[-1])
         return tuple(written)
-
-    @_in_its_unit
-    def handout(self) -> "Page":
-        """Return the result as a page to hand over."""
-        from ident.report.handout import page_of
-        from ident.report.page import picture
-
-        titled = [(figure.get_suptitle() or self.name, figure) for figure in self.figures().values()]
-        pictures = [picture(figure, title, title) for title, figure in titled]
-        return page_of(self.sections(), self.head, pictures)
 
     def _present(self, part: str, what: str) -> Any:
         """Return a part of the result from a report or figure file: the report of a fit from `fit_sections`."""

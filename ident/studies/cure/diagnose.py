@@ -337,6 +337,14 @@ class DiagnoseResult(Result):
 
         return diagnose_figures(self.diagnosis)
 
+    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the figure of the vibration as PNG, and return its path; a page has those of all stages."""
+        from ident.report.document import save
+
+        path = Path(folder) / f"{self.name}.png"
+        save(self.figures()["vibration"], path)
+        return (path,)
+
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.report.document import plain, write_netcdf
         from ident.studies.stiffness.sample_files import groups_of, inference_data
