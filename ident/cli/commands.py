@@ -351,7 +351,7 @@ def bind(
 ) -> None:
     """Bind saved results into one page, with a first page to sign.
 
-    It has verdict, cause and remedy, then the results in the order of the way, with the figures beside their files;
+    It has verdict, cause and remedy, then the results in the order of the way, with the figures next to them;
     --details adds the details of each. What is not given is left open, to be filled in by hand. Writes report.html and,
     with --pdf, report.pdf into the folder given by --out.
     """

@@ -107,7 +107,7 @@ def bind(
     logo: str | Path | None = None,
     details: bool = False,
 ) -> Bound:
-    """Bind saved results into one page to hand over, with their figures that lie beside them.
+    """Bind saved results into one page to hand over, with the figures in their folders.
 
     Args:
         results: files of `Result.save` or of commands.
