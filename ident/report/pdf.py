@@ -30,7 +30,7 @@ LABELS, WIDEST = 32.0, 70.0
 """Width of a list's labels, and up to which a word widens its column [mm]."""
 LINES_MAX, LETTER = 14, 0.5
 """Lines of a cell before it is cut, lest a row is higher than a page; width of a letter, relative to its size."""
-RESOLUTIONS, HEAVY = ((200.0, 64), (115.0, 32)), 100_000
+RESOLUTIONS, HEAVY = ((200.0, 48), (100.0, 24)), 100_000
 """Dots of a figure [1/inch] and its colours; the second where the first has more bytes than these: traces of noise."""
 INK, SOFT, RULE, BAND = "#1b1f24", "#57606a", "#d0d7de", "#f3f5f7"
 COLOURS = {"good": ("#0f5323", "#dff5e3"), "caution": ("#6b3d00", "#fff1cc"), "bad": ("#86151b", "#ffe3e1")}

@@ -132,7 +132,9 @@ def test_a_letter_without_a_font_is_refused_before_anything_is_written(tmp_path)
 @pytest.mark.parametrize("content", [b"no font", b"", b"\0\1\0\0" + bytes(60)])
 def test_a_file_that_is_no_font_is_one_line(tmp_path, content):
     (tmp_path / "bad.ttf").write_bytes(content)
-    with pytest.raises(InputError, match=r"bad.ttf: got no readable font, expected a TrueType font \(.ttf\); name another"):
+    with pytest.raises(
+        InputError, match=r"bad.ttf: got no readable font, expected a TrueType font \(.ttf\); name another"
+    ):
         write_pdf(sample_page(), tmp_path / "page.pdf", tmp_path / "bad.ttf")
     with pytest.raises(InputError, match=r"none.ttf: got no readable font"):
         write_pdf(sample_page(), tmp_path / "page.pdf", tmp_path / "none.ttf")

@@ -124,7 +124,7 @@ def test_a_logo_is_written_again_without_what_else_its_file_says(tmp_path, endin
 @pytest.mark.parametrize("content", [b"GIF89a", b"", b"\x89PNG\r\n\x1a\n" + bytes(40), b"<svg></svg>"])
 def test_a_logo_that_is_no_image_is_one_line(tmp_path, content):
     (tmp_path / "logo.png").write_bytes(content)
-    with pytest.raises(InputError, match=r"logo.png: got no readable image, expected a PNG or JPEG image; name another"):
+    with pytest.raises(InputError, match=r"logo.png: got no readable image, expected a PNG or JPEG image; name"):
         ident.bind(FILES[:1], logo=tmp_path / "logo.png")
 
 
