@@ -35,6 +35,8 @@ In the order of use; every study is one function that returns one frozen result.
     export          what was identified, in the robot's own description: MJCF, URDF, arm file, or JSON
     load            a result that was saved
     rerun           the same again, and whether the numbers are the same
+    hand_over       a result as one page, in HTML or PDF
+    bind            several saved results as one page, with a first page to sign
 
 The first name that is used switches jax to double precision, for the whole process: the mechanics need it, and jax
 has single precision otherwise. Arrays that the process has made before stay as they are.
@@ -62,12 +64,14 @@ if TYPE_CHECKING:
     from ident.description.mjcf import read_mjcf
     from ident.description.urdf import read_urdf
     from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
+    from ident.studies.bind import Bound, bind
     from ident.studies.cause.source import SourceOptions, SourceResult, source
     from ident.studies.cause.triage import TriageOptions, TriageResult, triage
     from ident.studies.cure.balance import BalanceOptions, BalanceResult, balance
     from ident.studies.cure.design import DesignOptions, DesignResult, design
     from ident.studies.cure.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
     from ident.studies.cure.motion import MotionOptions, MotionResult, motion
+    from ident.studies.handout import hand_over
     from ident.studies.look.explore import ExploreOptions, ExploreResult, explore
     from ident.studies.look.export import export
     from ident.studies.look.predict import PredictOptions, PredictResult, predict
@@ -98,6 +102,8 @@ _NAMES = {
     "ident.description.mjcf": ("read_mjcf",),
     "ident.description.urdf": ("read_urdf",),
     "ident.measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
+    "ident.studies.bind": ("Bound", "bind"),
+    "ident.studies.handout": ("hand_over",),
     "ident.studies.rerun": ("Rerun", "rerun"),
     "ident.studies.saved": ("Saved", "load"),
 }

@@ -36,7 +36,8 @@ STEPS_MAY_USE = {
 ONLY_IN = {
     "dynesty": "inference/draws",
     "emcee": "inference",
-    "jinja2": "report/page",
+    "fpdf": "report/pdf",
+    "jinja2": "report/templates",
     **dict.fromkeys(("lz4", "mcap", "rosbags", "zstandard"), "measure/robot_logs"),
     "matplotlib": ("report", "studies"),
     "nptdms": "measure/recordings",
@@ -133,7 +134,7 @@ REACHES = {
     "simulate": 21_100,
     "sample": 26_600,
     "modal": 21_600,
-    "sweep": 21_200,
+    "sweep": 21_300,
     "motion": 25_000,
     "plan": 25_900,
     "fleet": 29_400,

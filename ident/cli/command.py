@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import Field
+from functools import partial
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, get_args, get_origin
@@ -33,6 +34,7 @@ from ident.cli.output import (
 from ident.errors import InputError, Problem, refusal
 from ident.files import keep_earlier, together
 from ident.studies.following import kept_in
+from ident.studies.handout import check_pdf, hand_over
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, other_inputs
 from ident.text import did_you_mean, one_line, quoted, read_text
@@ -49,7 +51,7 @@ from ident.units import in_si, width
 # fix = ["joint1.k_bend", "joint2.k_bend"]
 
 FILE = "ident.toml"
-WITHOUT = ("new", "rerun")
+WITHOUT = ("new", "rerun", "bind")
 """Commands without defaults: a new file has none, a repetition has its own."""
 TYPES: dict[type, tuple[Any, str]] = {
     bool: (bool, "true or false"),
@@ -187,6 +189,7 @@ PathOption = Annotated[
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
 ForceOption = Annotated[bool, typer.Option("--force", help="keep no earlier result of the same name")]
 NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
+FontOption = Annotated[Path | None, typer.Option("--font", help="TrueType font for letters that the PDF's own lacks")]
 StrictOption = Annotated[bool, typer.Option("--strict", help="exit with status 3 where the data are contradictory")]
 MAIN: Mapping[str, str] = {
     "predict": "posture load set fit modes draws tool frame",
@@ -212,7 +215,7 @@ MAIN: Mapping[str, str] = {
     "modal": "init channels no_modes reproducibility",
 }
 """Main flags by command: its help shows these and `ALWAYS`, and `--help-all` the rest."""
-ALWAYS = ("arm", "out", "force", "details", "json")
+ALWAYS = ("arm", "out", "force", "details", "json", "page", "pdf")
 WHOLE = "ident.help_all"
 """Key in a command's context for help with all flags."""
 
@@ -229,6 +232,12 @@ def parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty
 
 FORCE = parameter("force", ForceOption, False)
 """The flag of commands whose options do not contain it."""
+PAGES = (
+    parameter("page", flag("write the result as one HTML page to hand over", kind=bool), False),
+    parameter("pdf", flag("write the same page as a PDF in A4", kind=bool), False),
+    parameter("font", FontOption, None),
+)
+"""Flags of the pages to hand over."""
 INPUTS: dict[str, Any] = {
     "arm": Annotated[Path, typer.Argument(help="arm description: TOML, URDF or MJCF (data/README.md)")],
     "campaign": CampaignArgument,
@@ -242,16 +251,16 @@ INPUTS: dict[str, Any] = {
 F = TypeVar("F", bound=Callable[..., Iterator[Result]])
 
 
-def command(kind: type[Options], *, figures: bool = True, judged: bool = False) -> Callable[[F], F]:
+def command(kind: type[Options], *, files: bool = True, pages: bool = True, judged: bool = False) -> Callable[[F], F]:
     """Register a function as a command: its parameter `options` becomes the flags of this class of options.
 
     The function's other parameters are the command's arguments and inputs, in typer's form. The function itself stays
-    unchanged. It yields the result, which is printed and, if it has an `out`, written; then it continues, and may end
-    with an exit status.
+    unchanged. It yields the result, which is printed and written; then it continues, and may end with an exit status.
 
     Args:
         kind: class of the options.
-        figures: whether there are figures, and a flag to leave them out.
+        files: whether files are written, besides the printed report and the pages.
+        pages: whether the result can be written as a page to hand over.
         judged: whether there is a flag that makes a verdict against the data a failure.
     """
 
@@ -261,25 +270,30 @@ def command(kind: type[Options], *, figures: bool = True, judged: bool = False) 
         flags = [_parameter(each, spec, hidden=each.name in kind.refuses) for each, spec in options_of]
         first = [p for p in own if p.default is inspect.Parameter.empty]
         after = [p for p in own if p.default is not inspect.Parameter.empty]
-        after += [parameter("no_figure", NoFigureOption, False)] if figures and "out" in given else []
+        after += [] if "out" in given else [parameter("out", OutOption, Path("out"))]
+        after += [parameter("no_figure", NoFigureOption, False)] if files else []
         after += [parameter("strict", StrictOption, False)] if judged else []
-        if "out" in given and not any(each.name == "force" for each, _ in options_of):
+        after += PAGES if pages else ()
+        if files and not any(each.name == "force" for each, _ in options_of):
             after.append(FORCE)
 
         def call(**values: Any) -> None:
             inputs = {p.name: values[p.name] for p in own}
             with _in_flags(kind):
-                options = _options(kind, values)
-                if "out" in inputs:
-                    running.check_folder(inputs["out"])
+                options, out = _options(kind, values), values["out"]
+                page, pdf = values.get("page", False), values.get("pdf", False)
+                if pdf:
+                    check_pdf()
+                if files or page or pdf:
+                    running.check_folder(out)
                 if inputs.get("campaign") is None:
                     running.start()
                 failed = False
                 for result in function(**inputs, options=options):
-                    if "out" in inputs:
-                        finish(result, inputs["out"], values.get("no_figure", True))
-                    else:
-                        tell(result)
+                    more = [result.save_figures] * (files and not values["no_figure"])
+                    if page or pdf:
+                        more.append(partial(hand_over, result, page=page, pdf=pdf, font=values["font"]))
+                    finish(result, out, more, files=files)
                     failed = result.short or bool(values.get("strict") and result.doubtful)
                 if failed:
                     raise typer.Exit(SHORT)
@@ -357,6 +371,7 @@ def offer(
     text: str,
     *,
     files: bool = True,
+    pages: bool = True,
     judged: bool = False,
     **words: Any,
 ) -> None:
@@ -365,7 +380,8 @@ def offer(
     Args:
         study: the study; its name is the command's.
         text: help of the command.
-        files: whether files are written, besides the printed report.
+        files: whether files are written, besides the printed report and the pages.
+        pages: whether the result can be written as a page to hand over.
         judged: whether there is a flag that makes a verdict against the data a failure.
         words: inputs that differ from `INPUTS`, in typer's form.
     """
@@ -374,28 +390,33 @@ def offer(
     main = "campaign" if "campaign" in names else next(iter(names))
     words = INPUTS | ({"arm": ArmOption} if main == "campaign" else {}) | words
 
-    def run(options: Options, out: Path | None = None, **inputs: Any) -> Iterator[Result]:
+    def run(options: Options, **inputs: Any) -> Iterator[Result]:
         if main == "campaign":
             inputs["campaign"], inputs["arm"] = running.read(inputs["campaign"], inputs["arm"])
         shown = {"progress": running.progress} if "progress" in names else {}
         yield study(**inputs, options=options, **shown)
 
     every = [parameter(name, words[name], *([] if name == main else [None])) for name in names if name in words]
-    every += [parameter("options", kind, None), *([parameter("out", OutOption, Path("out"))] if files else [])]
+    every.append(parameter("options", kind, None))
     run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
     run.__name__, run.__doc__ = study.__name__, text
-    command(kind, judged=judged)(run)
+    command(kind, files=files, pages=pages, judged=judged)(run)
 
 
-def finish(result: Result, out: Path, no_figure: bool) -> None:
-    """Print a result's report, and write its files and figures into a folder."""
+Save = Callable[[Path], tuple[Path, ...]]
+"""Writes files of a result into a folder, and returns their paths."""
+
+
+def finish(result: Any, out: Path, more: Sequence[Save] = (), *, files: bool = True) -> None:
+    """Print a result's report, and write its files, and more, into a folder."""
     with kept_in(out):
         tell(result)
-    output().document = kept_in(out)(result.document)
-    write(result, out, [] if no_figure else [result.save_figures])
+        output().document = kept_in(out)(result.document)
+        if files or more:
+            write(result, out, more, files=files)
 
 
-def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path, ...]]] = ()) -> None:
+def write(result: Any, out: Path, more: Sequence[Save] = (), *, files: bool = True) -> None:
     """Write a result's files into a folder, all or none, and print their paths.
 
     Files of the same name are replaced. If somebody has changed them, or they took long and have other inputs, they get
@@ -404,13 +425,14 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
     Args:
         result: the result.
         out: the folder.
-        more: further files to write there.
+        more: write further files there.
+        files: whether its own files are written.
     """
-    with together() as files:
-        other = other_inputs(result, out)
-        paths = result.save(out / f"{result.name}{result.suffix}")
-        paths = (*paths, *(path for each in more for path in each(out)))
-        kept = keep_earlier(files, out, result.name, False if output().force else bool(other) or None)
+    with together() as written:
+        other = other_inputs(result, out) if files else ""
+        own = result.save(out / f"{result.name}{result.suffix}") if files else ()
+        paths = (*own, *(path for each in more for path in each(out)))
+        kept = keep_earlier(written, out, result.name, False if output().force else bool(other) or None)
     if kept:
         reason = f"a result of other inputs ({other})" if other else "not known to be as ident wrote it"
         output().say(f"kept what was there as {one_line(str(out / kept))}.*: {reason}")

@@ -7,6 +7,7 @@ import gc
 import os
 import platform
 import textwrap
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,11 +18,13 @@ from ident.cli import running
 from ident.cli.command import (
     ArmOption,
     CampaignArgument,
+    FontOption,
     ForceOption,
     NoFigureOption,
     OutOption,
     PathOption,
     command,
+    finish,
     flag,
     offer,
     output,
@@ -38,6 +41,7 @@ from ident.studies.cure.design import design
 from ident.studies.cure.diagnose import DiagnoseOptions, diagnose, discard_stages, part_folder
 from ident.studies.cure.motion import motion
 from ident.studies.following import kept_in
+from ident.studies.handout import hand_over
 from ident.studies.look.explore import explore
 from ident.studies.look.new import KINDS
 from ident.studies.look.predict import predict
@@ -333,6 +337,32 @@ def rerun(
         raise typer.Exit(SHORT)
 
 
+@plain
+def bind(
+    results: Annotated[list[Path], typer.Argument(metavar="results", help="saved results, as out/*.json")],
+    title: flag("title of the first page", kind=str) = "Report",
+    customer: flag("for whom", kind=str) = "",
+    by: flag("who measured", kind=str) = "",
+    serial: flag("serial number of the robot", kind=str) = "",
+    logo: flag("PNG or JPEG image above the title") = None,
+    pdf: flag("write it as a PDF in A4, too", kind=bool) = False,
+    font: FontOption = None,
+    out: OutOption = Path("out"),
+) -> None:
+    """Bind saved results into one page, with a first page to sign.
+
+    It has verdict, cause and remedy, then the results in the order of the way, with the figures next to them;
+    --details adds the details of each. What is not given is left open, to be filled in by hand. Writes report.html and,
+    with --pdf, report.pdf into the folder given by --out.
+    """
+    from ident.studies.bind import bind as bound
+
+    running.check_folder(out)
+    lines = {"Customer": customer, "Serial number": serial, "Measured with": "", "By": by, "Date, signature": ""}
+    page = bound(results, title=title, signed=lines, logo=logo, details=output().details)
+    finish(page, out, [partial(hand_over, page, pdf=pdf, font=font)], files=False)
+
+
 # -------- Describing
 # Commands about files: the content and names of an arm, the report of a result.
 
@@ -456,7 +486,7 @@ def new(
 # `ident diagnose`: prints each finished stage, and frees the memory of a stage.
 
 
-@command(DiagnoseOptions, figures=False, judged=True)
+@command(DiagnoseOptions, judged=True)
 def diagnose_command(
     campaign: CampaignArgument,
     options: DiagnoseOptions,
@@ -470,8 +500,8 @@ def diagnose_command(
 
     Stiffnesses, natural frequencies along the motion, resonance, vibration against the limit; remedies by their effort:
     another speed, mass centres, torsional stiffness. Continues an earlier run of the same inputs that was stopped.
-    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
-    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
+    Writes CAMPAIGN.diagnose.json, .png (the vibration) and .nc (the posterior) into the folder given by --out; with
+    --page or --pdf the figures of all stages. Exit status 3 where the posterior's chains are too short.
     """
     measured, arm_file = running.read(campaign, arm)
     import jax
@@ -513,6 +543,7 @@ offer(
     and steady response, and computes them itself: one HTML file, no network, no server. Writes ARM.explore.html into
     the folder given by --out.
     """,
+    pages=False,
     measured=flag("measurements to show beside, a CSV file (data/README.md)", "--campaign"),
 )
 
@@ -606,7 +637,7 @@ def modal_command(
 # -------- Doctor
 # The command `ident doctor`: information to send with a question.
 
-OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "distributed", "dynesty")
+OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "distributed", "dynesty", "fpdf2")
 """Libraries for some inputs and options."""
 
 

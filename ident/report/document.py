@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, is_dataclass
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
@@ -215,10 +215,11 @@ def _parts(parts: Any) -> tuple[str | Table, ...]:
 
 def _table(data: Mapping[str, Any]) -> Table:
     words = _texts({name: data[name] for name in ("caption", "note")})
-    lists = {name: tuple(map(_text, data[name])) for name in ("head", "forms", "links")}
+    lists = {name: tuple(map(_text, data[name])) for name in ("head", "forms")}
     rows, strong = tuple(map(tuple, data["rows"])), tuple(map(int, data["strong"]))
     if not all(isinstance(cell, str | float | int | None) for row in rows for cell in row):
         raise TypeError
+    data = {name: value for name, value in data.items() if name != "links"}  # of earlier versions
     return Table(**{**data, **words, **lists, "rows": rows, "strong": strong})
 
 
@@ -365,4 +366,5 @@ def save(figure: "Figure", path: Path) -> None:
     figure.set_dpi(DPI)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        replace_file(path, FigureCanvasAgg(figure).print_png, make_folders=True)
+        titled = partial(FigureCanvasAgg(figure).print_png, metadata={"Title": figure.get_suptitle()})
+        replace_file(path, titled, make_folders=True)

@@ -1,7 +1,7 @@
-"""A report as one HTML file: no other file, nothing from the network, no script except that of an embedded page.
+"""A report as one HTML file: no other file, nothing from the network, no script.
 
-The texts of a page come from files of unknown authors. Every text goes through `shown` and Jinja2's autoescape, and a
-content security policy refuses any remaining request of a text.
+The texts of a page come from files of unknown authors. Every text goes through `shown` and Jinja2's autoescape, see
+`ident.report.templates`; a content security policy refuses any remaining request of a text.
 """
 
 import base64
@@ -9,21 +9,20 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
-from io import StringIO
+from io import BytesIO
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, StrictUndefined, Template
-from markupsafe import escape
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from PIL import Image
 
+from ident.errors import refusal
 from ident.files import write_text
-from ident.text import one_line
+from ident.report.templates import template_of
+from ident.text import one_line, read_bytes
 
 if TYPE_CHECKING:
     from ident.report.report import Part, Table, Verdict
@@ -36,47 +35,30 @@ NUMBER = re.compile(r"\W*\d")
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as SVG; `picture` makes one.
+    """A figure as SVG, for the screen, and as PNG, for paper; `picture` makes one.
 
     Attributes:
-        svg: the whole SVG document.
+        svg: the whole SVG document; empty if there is only the PNG.
         alt: description for readers who can't see it.
         caption: what it shows and how to read it.
         readable: [px] width at which its smallest letter is 10 px; in a narrow window it scrolls at this width.
-        moving: the animated version; empty without animation.
+        png: the PNG file; empty for a figure that paper leaves out.
 
     Raises:
-        ValueError: there is no SVG or no alternative text.
+        ValueError: there is neither SVG nor PNG, or no alternative text.
     """
 
     svg: str
     alt: str
     caption: str
     readable: int = 0
-    moving: str = ""
+    png: bytes = b""
 
     def __post_init__(self) -> None:
-        if "<svg" not in self.svg:
-            raise ValueError("a picture that is no SVG")
+        if "<svg" not in self.svg and not self.png:
+            raise ValueError("a picture that is neither SVG nor PNG")
         if not self.alt.strip():
             raise ValueError("a picture without an alternative text")
-
-
-@dataclass(frozen=True)
-class Frame:
-    """An embedded page that computes: it can access neither the surrounding page nor anything else.
-
-    Attributes:
-        html: the whole page.
-        script: hash of the one script that it may run, as `sha256-...`.
-        title: description for readers who can't see it.
-        caption: what it shows; in print it is left out with the page.
-    """
-
-    html: str
-    script: str
-    title: str
-    caption: str
 
 
 @dataclass(frozen=True)
@@ -87,13 +69,11 @@ class Section:
         title: heading.
         parts: paragraphs and tables.
         pictures: figures, below them.
-        frame: a page that computes, below the figures.
     """
 
     title: str
     parts: tuple["Part", ...]
     pictures: tuple[Picture, ...] = ()
-    frame: Frame | None = None
 
 
 @dataclass(frozen=True)
@@ -103,53 +83,35 @@ class Page:
     Attributes:
         title: heading of the page.
         subtitle: arm, campaign, date.
-        verdict: the overall verdict.
+        verdict: the overall verdict; None if nothing is judged.
         summary: lines next to the verdict, each with its label: Cause, Remedy, Caution.
         sections: the parts, in order.
         inputs: input files, as a table: name, file, hash.
-        assumptions: the assumptions, a sentence each.
         provenance: names and values for reproduction: versions, options, seeds.
-        above: text and relative address of the page that led here; empty for none.
+        signed: lines of a first page, each with its label: customer, date, signature; empty without a first page.
+        logo: above the title.
     """
 
     title: str
     subtitle: str
-    verdict: "Verdict"
+    verdict: "Verdict | None"
     summary: tuple[tuple[str, str], ...]
     sections: tuple[Section, ...]
     inputs: "Table"
-    assumptions: tuple[str, ...] = ()
     provenance: tuple[tuple[str, str], ...] = ()
-    above: tuple[str, str] = ("", "")
+    signed: tuple[tuple[str, str], ...] = ()
+    logo: Picture | None = None
 
 
 def render(page: Page) -> str:
     """Return a page as HTML; the same page gives the same text."""
-    scripts = [section.frame.script for section in page.sections if section.frame]
-    return template_of("ident.report", "page.html.jinja").render(page=page, scripts=scripts) + "\n"
-
-
-@cache
-def template_of(package: str, file: str) -> Template:
-    """Return a template of a package, by its file there."""
-    environment = Environment(
-        autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"columns": columns, "data_uri": data_uri, "whole": escape}
-    return environment.from_string((files(package) / file).read_text("utf-8"))
+    template = template_of("ident.report", "page.html.jinja")
+    return template.render(page=page, columns=columns, data_uri=data_uri) + "\n"
 
 
 def write_page(page: Page, path: Path) -> None:
     """Write a page as HTML, completely or not at all."""
     write_text(path, render(page))
-
-
-def shown(value: object) -> object:
-    """Return a text as the page shows it: control characters and changes of text direction become visible.
-
-    Output of the template itself stays unchanged.
-    """
-    return value if hasattr(value, "__html__") else one_line(str(value))
 
 
 def columns(table: "Table") -> list[str]:
@@ -169,9 +131,10 @@ def provenance(head: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     return tuple((name, str(value)) for name, value in values.items())
 
 
-def data_uri(svg: str) -> str:
-    """Return an SVG document as the address of an image."""
-    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8", "replace")).decode("ascii")
+def data_uri(image: str | bytes) -> str:
+    """Return an SVG document, or a PNG file, as the address of an image."""
+    kind, data = ("svg+xml", image.encode("utf-8", "replace")) if isinstance(image, str) else ("png", image)
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 # -------- Picture
@@ -200,14 +163,40 @@ def picture(figure: Figure, alt: str, caption: str) -> Picture:
         svg = _svg(figure)
     letters = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()]
     width = 72 * figure.get_size_inches()[0]
-    return Picture(svg, alt, caption, ceil(10 * width / min(letters)) if letters else 0)  # letters of 10 px are legible
+    readable = ceil(10 * width / min(letters)) if letters else 0  # letters of 10 px are legible
+    return Picture(svg, alt, caption, readable, png=_drawn(figure, "png", ("Software",)))
+
+
+def picture_in(path: Path, alt: str) -> Picture:
+    """Return a PNG or JPEG file as a picture, written again as PNG: nothing of the file but its dots goes on a page.
+
+    Args:
+        path: the file.
+        alt: description; a title in the file, if it has one, is used instead.
+
+    Raises:
+        InputError: there is no such file, or it is no such image.
+    """
+    expected = "a PNG or JPEG image"
+    data, again = BytesIO(read_bytes(path, expected)), BytesIO()
+    try:
+        with Image.open(data, formats=("PNG", "JPEG")) as image:
+            image.load()
+            title = str(image.info.get("Title") or alt)
+            image.convert("RGBA" if image.mode in ("P", "LA", "RGBA") else "RGB").save(again, "PNG")
+    except Exception:  # Pillow raises anything for a damaged file
+        raise refusal(one_line(str(path)), "no readable image", expected, "name another file") from None
+    return Picture("", title, title, png=again.getvalue())
 
 
 def _svg(figure: Figure) -> str:
-    text = StringIO()
+    svg = ILLEGAL.sub("", _drawn(figure, "svg", ("Creator", "Date", "Format", "Type")).decode("utf-8"))
+    return svg[svg.index("<svg") :]
+
+
+def _drawn(figure: Figure, form: str, nothing: tuple[str, ...]) -> bytes:
+    file = BytesIO()
     with warnings.catch_warnings(), rc_context(SETTINGS):
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        figure.savefig(text, format="svg", dpi=200, metadata=nothing)
-    svg = ILLEGAL.sub("", text.getvalue())
-    return svg[svg.index("<svg") :]
+        figure.savefig(file, format=form, dpi=200, metadata=dict.fromkeys(nothing))
+    return file.getvalue()

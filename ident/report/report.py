@@ -9,7 +9,6 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from itertools import zip_longest
 from typing import Any, Literal
 
@@ -50,13 +49,10 @@ class Table:
         forms: number format of each column, as `.4g`; empty for words. Not needed without numbers.
         note: how to read it; may be empty.
         strong: indices of the rows to emphasise, from 0.
-        links: address linked from the name of each row, relative to the page; empty for no links.
         brief: whether it is left out if the details follow, which have it in full.
 
     Raises:
-        ValueError: a row, or `forms`, has another number of cells than the head; an emphasised row does not exist;
-        links and
-            rows differ in number.
+        ValueError: a row, or `forms`, has another number of cells than the head; an emphasised row does not exist.
     """
 
     caption: str
@@ -65,7 +61,6 @@ class Table:
     forms: tuple[str, ...] = ()
     note: str = ""
     strong: tuple[int, ...] = ()
-    links: tuple[str, ...] = ()
     brief: bool = False
 
     def __post_init__(self) -> None:
@@ -74,8 +69,6 @@ class Table:
                 raise ValueError(f"row {i} of a table has {len(row)} cells under {len(self.head)} heads")
         if not all(0 <= i < len(self.rows) for i in self.strong):
             raise ValueError(f"strong rows {self.strong} of a table with {len(self.rows)}")
-        if self.links and len(self.links) != len(self.rows):
-            raise ValueError(f"{len(self.links)} links in a table with {len(self.rows)} rows")
 
     @property
     def texts(self) -> tuple[tuple[str, ...], ...]:
@@ -304,24 +297,10 @@ def without_empty_columns(table: Table) -> Table:
 
 def html_of(report: Report) -> str:
     """Return the first screen as HTML for a notebook."""
-    parts = [f"<p>{escape(report.subject)}</p>"]
-    if report.verdict:
-        parts.append(f"<p><strong>{escape(report.verdict.word)}</strong>: {escape(report.verdict.reason)}</p>")
-    for part in report.answer:
-        parts.append(f"<p>{escape(part)}</p>" if isinstance(part, str) else _html_table(part))
-    findings = [f"{each.text} → {each.remedy}" if each.remedy else each.text for each in report.findings[:MOST]]
-    return "\n".join([*parts, *(f"<p>{escape(words)}</p>" for words in (report.remark, *findings) if words)])
+    from ident.report.templates import template_of
 
-
-def _html_table(table: Table) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in table.head)
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{escape(one_line(cell.replace(KEPT, ' ')))}</td>" for cell in row) + "</tr>"
-        for row in table.texts
-    )
-    caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
-    note = f"<p>{escape(table.note)}</p>" if table.note else ""
-    return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{note}"
+    lines = report.remark, *(with_remedy(each).replace(" -> ", " → ") for each in report.findings[:MOST])
+    return template_of("ident.report", "screen.html.jinja").render(report=report, lines=lines)
 
 
 # -------- Words

@@ -38,7 +38,7 @@ LONGEST_TEXT = 5_000_000
 """Largest stored text [bytes]; of a longer one only path and hash are stored."""
 
 SHOWING = (
-    *("sections", "_figures", "html", "save_figures"),
+    *("sections", "_figures", "save_figures"),
     *("frequency_figure", "path_figure", "animation", "_write"),
 )
 """Methods that show stiffnesses in display units."""

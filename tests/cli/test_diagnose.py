@@ -17,7 +17,7 @@ from ident.studies.cure.remedies import AND, EFFORTS
 pytestmark = pytest.mark.slow
 
 SUPPORT = Path(__file__).parents[1] / "support"
-MOTION = ("--speed", "100", "--dwell", "0.2", "--limit", "1.3")
+MOTION = ("--speed", "100", "--dwell", "0.2", "--limit", "1.3", "--page")
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_from_a_campaign_to_advice_with_a_kill_on_the_way(small, tmp_path, reque
     assert err.count("(from an earlier run)") == 5
     assert "7/7 verification: " in err
 
-    assert files(tmp_path / "out") == [f"campaign.diagnose.{end}" for end in ("html", "json", "nc")]
+    assert files(tmp_path / "out") == [f"campaign.diagnose.{end}" for end in ("html", "json", "nc", "png")]
     document = json.loads((tmp_path / "out" / "campaign.diagnose.json").read_text("utf-8"))
     assert document["summary"]["verdict"] in ("warn", "reject")
     assert document["verdict"] == "NOT OK"

@@ -153,8 +153,6 @@ def test_a_table_whose_rows_do_not_fit_its_head_is_refused():
         Table("", ("a", "b"), (("1",),))
     with pytest.raises(ValueError, match="strong rows"):
         Table("", ("a",), (("1",),), strong=(1,))
-    with pytest.raises(ValueError, match="links"):
-        Table("", ("a",), (("1",),), links=("x", "y"))
 
 
 def test_a_long_line_is_folded_but_not_where_it_is_kept_together():

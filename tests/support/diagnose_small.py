@@ -45,5 +45,5 @@ def small_command(
 if __name__ == "__main__":
     from ident import cli
 
-    command(DiagnoseOptions, figures=False)(small_command)
+    command(DiagnoseOptions)(small_command)
     cli.main()

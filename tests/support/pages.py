@@ -59,7 +59,6 @@ def sample_page(kind="caution"):
         (("Cause", "Slack of joint 2."), ("Caution", "Joints 1 to 3 are known within 6 %.")),
         sections,
         Table("Files", ("what", "file", "SHA-256"), (("arm", "arm.toml", "9f86d081884c7d65" * 4),)),
-        ("Links are rigid. " * 30, "Gravity acts along -z."),
         (("ident", "0.1.0"), ("seed", "7")),
     )
 
@@ -72,7 +71,7 @@ def hostile_page():
     sections = tuple(Section(text, (text,)) for text in HOSTILE)
     pairs = tuple((text, text) for text in HOSTILE)
     verdict = Verdict(HOSTILE[0] + HOSTILE[7], HOSTILE[0] + HOSTILE[7], "caution")
-    return Page(HOSTILE[0] + HOSTILE[7], HOSTILE[1], verdict, pairs, (section, *sections), cells, HOSTILE, pairs)
+    return Page(HOSTILE[0] + HOSTILE[7], HOSTILE[1], verdict, pairs, (section, *sections), cells, pairs)
 
 
 def titled():

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ident.identify.values import Values
     from ident.measure import Campaign, Log
     from ident.measure.runs import Runs
-    from ident.report.page import Page
     from ident.studies.cause.source_study import SourceStudy
     from ident.studies.cure.balance_study import Balance
     from ident.studies.cure.diagnose_report import StageReport
@@ -333,37 +332,27 @@ class DiagnoseResult(Result):
         return change_words(self.advised) if self.advised else ""
 
     def _figures(self) -> "dict[str, Figure]":
-        """Return the figures of the page, by stage."""
+        """Return the figures, by stage."""
         from ident.studies.cure.diagnose_figure import diagnose_figures
 
         return diagnose_figures(self.diagnosis)
 
-    def html(self) -> str:
-        """Return the page: verdict, stages with tables and figures, inputs, assumptions; it opens without a network."""
-        from ident.report.page import render
+    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the figure of the vibration as PNG, and return its path; a page has those of all stages."""
+        from ident.report.document import save
 
-        return render(self._page(self.head))
-
-    def _page(self, head: Mapping[str, Any]) -> "Page":
-        from ident.studies.cure.diagnose_page import diagnose_page
-        from ident.studies.look.arm_view import arm_view
-        from ident.studies.look.explore import page_of
-
-        basis, posterior = self.diagnosis.task.basis, f"{self.name}.nc"
-        explorer = page_of(basis, self.fitted.campaign, self.options.soft_base, self.options.profile, posterior)
-        view = arm_view(replace(basis.arm_file, arm=basis.arm))
-        return diagnose_page(self.diagnosis, head, view, explorer, self.runs)
+        path = Path(folder) / f"{self.name}.png"
+        save(self.figures()["vibration"], path)
+        return (path,)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.report.document import plain, write_netcdf
-        from ident.report.page import write_page
         from ident.studies.stiffness.sample_files import groups_of, inference_data
 
-        page, posterior = self._beside(path, ".html"), self._beside(path, ".nc")
-        write_page(self._page(head), page)
+        posterior = self._beside(path, ".nc")
         sampled = self.diagnosis.identification.sampled
         write_netcdf(posterior, groups_of(inference_data(sampled, {**head, "trust": plain(sampled.trust)})))
-        return page, *super()._write(path, head), posterior
+        return *super()._write(path, head), posterior
 
 
 @study

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.report.report import cut
-from ident.report.style import BLUE, plain, ratio_axis, rows
+from ident.report.style import BLUE, plain, ratio_axis, rows, titled
 from ident.report.words import MM
 from ident.studies.cure.design_figure import sensitivities_drawn
 from ident.studies.cure.diagnose_report import change_words
@@ -38,7 +38,7 @@ def _stiffness_figure(diagnosis: "Diagnosis") -> Figure | None:
     if not len(above):
         return None
     names = diagnosis.identification.sampled.fitted.problem.parameters.names
-    figure, axes = _rows([names[i] for i in above])
+    figure, axes = _rows([names[i] for i in above], "95 % interval of each number, relative to its median")
     places, left, right = np.arange(len(above)), (low / median)[above], (high / median)[above]
     axes.hlines(places, left, right, color=BLUE, linewidth=5, alpha=0.35)
     axes.plot(np.ones(len(above)), places, "o", color=BLUE)
@@ -59,7 +59,7 @@ def _resonance_figure(diagnosis: "Diagnosis") -> Figure | None:
 def _vibration_figure(diagnosis: "Diagnosis") -> Figure:
     """Draw the vibration in each direction over time, with the limit."""
     response, limit = diagnosis.vibration.response, MM * diagnosis.vibration.limit
-    figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
+    figure = titled((WIDTH, 5.4), "Vibration of the end point over time; dashed: the limit")
     time, vibration = np.asarray(response.time), MM * np.asarray(response.vibration)
     reach = 1.1 * max(float(np.abs(vibration).max()), limit)
     for i, axes in enumerate(figure.subplots(3, 1, sharex=True, sharey=True)):
@@ -75,7 +75,8 @@ def _vibration_figure(diagnosis: "Diagnosis") -> Figure:
 def _remedies_figure(diagnosis: "Diagnosis") -> Figure:
     """Draw the largest vibration after each remedy against the limit."""
     task, remedies = diagnosis.task, diagnosis.remedies
-    figure, axes = _rows([f"{rank}. {change_words(remedy)}" for rank, remedy in enumerate(remedies, 1)])
+    title = "Largest vibration after each remedy; dashed: the limit; filled: meets it"
+    figure, axes = _rows([f"{rank}. {change_words(remedy)}" for rank, remedy in enumerate(remedies, 1)], title)
     for row, remedy in enumerate(remedies):
         fill = BLUE if remedy.meets_limit else "white"
         axes.barh(row, MM * remedy.largest, color=fill, edgecolor=BLUE, height=0.6)
@@ -85,12 +86,12 @@ def _remedies_figure(diagnosis: "Diagnosis") -> Figure:
     return figure
 
 
-def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
+def _rows(names: Sequence[str], title: str) -> tuple[Figure, Axes]:
     """Return axes with a named row for each, the first on top."""
     labels = [textwrap.fill(cut(name, 150), 50) for name in names]
     lines = max(label.count("\n") for label in labels) + 1
     row = max(0.34, 0.14 * lines + 0.12)  # all rows are as high as the longest label needs
-    figure = Figure(figsize=(WIDTH, 1.1 + row * len(names)), layout="constrained")
+    figure = titled((WIDTH, 1.4 + row * len(names)), title)
     axes = figure.subplots()
     rows(axes, labels)
     return figure, axes
@@ -101,6 +102,8 @@ _FIGURES: Mapping[str, Callable[["Diagnosis"], Figure | None]] = {
     "trust": lambda diagnosis: validate_figure(diagnosis.validation) if diagnosis.validation.told else None,
     "resonance": _resonance_figure,
     "vibration": _vibration_figure,
-    "sensitivities": lambda diagnosis: sensitivities_drawn(diagnosis.sensitivities, "", "scales differ"),
+    "sensitivities": lambda diagnosis: sensitivities_drawn(
+        diagnosis.sensitivities, "What the vibration depends on", "scales differ"
+    ),
     "remedies": _remedies_figure,
 }

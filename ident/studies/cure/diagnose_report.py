@@ -24,6 +24,7 @@ from ident.report.words import (
     sentence,
 )
 from ident.studies.basis import (
+    GUESSED,
     assumed,
     basis_findings,
     gear_words,
@@ -87,7 +88,7 @@ def spaced(path: str) -> str:
 
 
 def diagnose_sections(diagnosis: "Diagnosis") -> Report:
-    """Return the report of a finished diagnosis; the details have a section for each stage."""
+    """Return the report of a finished diagnosis; the details have a section for each stage, and the assumptions."""
     basis, verdict = diagnosis.task.basis, judged(diagnosis)
     return Report(
         f"Diagnosis of {subject(basis)}",
@@ -96,8 +97,21 @@ def diagnose_sections(diagnosis: "Diagnosis") -> Report:
         tuple(_cautions(diagnosis)),
         f"Model: {of_model(diagnosis)}.",
         _next(diagnosis, verdict),
-        tuple(Section(title, tuple(of(diagnosis))) for title, of in map(_DETAILS.__getitem__, diagnosis.stages)),
+        tuple(
+            Section(title, tuple(of(diagnosis)))
+            for title, of in [*map(_DETAILS.__getitem__, diagnosis.stages), ("What is assumed", _assumptions)]
+        ),
     )
+
+
+def _assumptions(diagnosis: "Diagnosis") -> Iterator[str]:
+    origins = [origin for origin in diagnosis.task.basis.arm_file.origins.values() if origin != "derived"]
+    guessed = f"{sum(origin in GUESSED for origin in origins)} of the {len(origins)} numbers in the arm file"
+    yield f"{guessed} are assumed or calibrated; amplitudes are no better than these."
+    yield "Links, fingers and payload are rigid; bushings are linear; belts are rigid."
+    yield "The priors of the fit and the sigmas of the campaign are as given; the model itself is taken as correct."
+    yield "A change leaves all other numbers as they are: a stiffer drive weighs the same, a body keeps its inertia."
+    yield "Draws are simulated by the fast method, linearised about the quasi-static deflection."
 
 
 def judged(diagnosis: "Diagnosis") -> Verdict:

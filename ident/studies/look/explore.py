@@ -1,7 +1,7 @@
 """Write a page to explore an arm by hand: sliders, and the response of the arm."""
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from math import degrees, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ident.identify.values import Values
     from ident.measure import Campaign
     from ident.studies.look.exploration import Exploration
-    from ident.studies.scenario import Basis
     from ident.vibrate.motion import Motion
 
 BESIDE = 0.05
@@ -127,26 +126,6 @@ def explore(
         _check_on_stroke(changed, options.posture)
     made = exploration(changed, load, options.payload, extension, draws, measured)
     return ExploreResult(arm, made, options, posture, fit, posterior)
-
-
-def page_of(basis: "Basis", measured: "Campaign", soft_base: float | None, profile: str | None, posterior: str) -> str:
-    """Return the page of an arm from another study, with the measured values for comparison.
-
-    Args:
-        basis: the arm, its load, and the posterior's draws.
-        measured: the campaign.
-        soft_base: [m] height of a compliant base, or None.
-        profile: speed profile of the stroke, or None for the arm file's.
-        posterior: file of the draws, for the page's commands.
-    """
-    from ident.studies.look.exploration import exploration
-    from ident.studies.look.explore_page import Start, explore_page
-
-    extension = _extension(basis.arm, profile if basis.arm.stroke is not None else None)
-    made = exploration(basis.arm, basis.load, "", extension, basis.draws, measured)
-    drawn = replace(basis.posterior, path=posterior, sha256="") if basis.posterior else None
-    start = Start(_middle(basis.arm), min(max(basis.percent, 1.0), 120.0), soft_base, basis.changed)
-    return explore_page(made, basis.arm_file, start, fit=basis.fit, posterior=drawn)
 
 
 def _check_on_stroke(arm: "Arm", posture: tuple[float, ...]) -> None:

@@ -20,7 +20,7 @@ from markupsafe import Markup
 from ident.arm.fields import ALPHA, DAMPING, LOSS
 from ident.arm.multibody import orders_of
 from ident.measure.kinds import DIFFERENCES
-from ident.report.page import template_of
+from ident.report.templates import template_of
 from ident.studies.basis import changes_in_words, values_in_words
 from ident.studies.look.exploration import Exploration, added, mass_of
 from ident.text import one_line
@@ -198,15 +198,10 @@ def explore_page(
         data=Markup(json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")),
         script=Markup(script),
         style=Markup(style),
-        script_hash=Markup(script_hash()),
+        script_hash=Markup(_hash(script)),
         style_hash=Markup(_hash(style)),
     )
     return f"{text}\n"
-
-
-def script_hash() -> str:
-    """Return the hash of the page's script, as a content security policy names it."""
-    return _hash(_script())
 
 
 def _remarks(exploration: Exploration, start: Start, fit: "Values | None", posterior: "Values | None") -> Iterator[str]:

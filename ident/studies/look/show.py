@@ -96,7 +96,7 @@ class ArmPicture(Reported):
 
     def moving_modes(self) -> str:
         """Return the first modes as an animated SVG document, of an arm that has modes."""
-        from ident.studies.look.arm_page import moving_modes
+        from ident.studies.look.moving_modes import moving_modes
 
         return moving_modes(self.view)
 

@@ -6,9 +6,8 @@ from dataclasses import field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar
-from urllib.parse import quote
 
-from ident.errors import InputError, refusal, require
+from ident.errors import refusal, require
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
@@ -18,8 +17,6 @@ from ident.text import one_line, which_file
 if TYPE_CHECKING:
     from ident.identify.fleet import Fleet, Robot
     from ident.inference.population import Draws, Under
-    from ident.report.page import Page
-    from ident.studies.look.arm_view import ArmView
 
 CAMPAIGN, ARM = "campaign.csv", "arm.toml"
 
@@ -103,50 +100,6 @@ class FleetResult(Result):
         beside = self._beside(path, ".prior")
         write_text(beside, "".join(f"--prior={name}={prior}\n" for name, prior in self.priors.items()))
         return (*written, beside)
-
-    def html(self) -> str:
-        """Return the page of all robots; its links lead to the files of `save_figures`."""
-        from ident.report.page import render
-
-        return render(self._page())
-
-    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write the figure, the page of all robots and a folder of pages, one a robot; return the first two paths.
-
-        Raises:
-            InputError: the folder or a file can't be written.
-        """
-        from ident.files import together
-        from ident.report.page import write_page
-        from ident.studies.stiffness.fleet_page import file_name, robot_page
-
-        page, pages = Path(folder) / f"{self.name}.html", Path(folder) / f"{self.name}.pages"
-        with together():
-            for i, robot in enumerate(self.fleet.robots):
-                own = robot_page(self.fleet, i, self.label, self.head, f"../{quote(page.name)}")
-                write_page(own, pages / file_name(robot))
-            write_page(self._page(), page)
-            return (*super().save_figures(folder), page)
-
-    def _page(self) -> "Page":
-        from ident.studies.stiffness.fleet_page import fleet_page
-
-        return fleet_page(self.fleet, self.label, self.head, quote(f"{self.name}.pages"), self._drawn())
-
-    def _drawn(self) -> "ArmView | None":
-        """Return the drawing of the arm, if all fitted robots share one file and it is unchanged since the fit."""
-        from ident.description.file import read_arm
-        from ident.studies.look.arm_view import arm_view
-
-        files = {robot.arm.sha256: robot.arm.path for robot in self.fleet.robots if not robot.failed}
-        if len(files) != 1:
-            return None
-        ((digest, path),) = files.items()
-        try:
-            arm = read_arm(path)
-        except InputError:
-            return None
-        return arm_view(arm) if arm.sha256 == digest else None
 
     def _inputs(self) -> Mapping[str, Any]:
         robots = self.fleet.robots

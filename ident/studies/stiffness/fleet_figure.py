@@ -41,26 +41,16 @@ def fleet_figure(fleet: "Fleet") -> Figure:
         _panel(axes, fleet, population, i)
     for axes in panels[count:]:
         axes.set_visible(False)
-    _fleet_key(figure, "robots from left to right by name; own fits that do not determine a stiffness are not drawn")
-    return figure
-
-
-def stiffness_figure(fleet: "Fleet", population: "Population", i: int) -> Figure:
-    """Draw one stiffness of all robots."""
-    figure = titled((6.4, 3.6), "")
-    _panel(figure.subplots(), fleet, population, i)
-    _fleet_key(figure, "")
-    return figure
-
-
-def _fleet_key(figure: Figure, words: str) -> None:
     handles: list[Artist] = [
         Patch(color=PALE_BLUE, alpha=0.5, linewidth=0, label="95 % of healthy robots"),
         Line2D([], [], color=PALE, marker="_", linestyle="", markersize=8, label="own fit, 95 %"),
         Line2D([], [], color=BLUE, marker="o", linestyle="", markersize=4, label="shrunk, 95 %"),
         Line2D([], [], color=ORANGE, marker="o", linestyle="", markersize=4, label="stands out"),
     ]
-    key_below(figure, handles, words)
+    key_below(
+        figure, handles, "robots from left to right by name; own fits that do not determine a stiffness are not drawn"
+    )
+    return figure
 
 
 def _panel(axes: Axes, fleet: "Fleet", population: "Population", i: int) -> None:

@@ -195,13 +195,6 @@ def against_median(population: Population, r: int) -> tuple[str, ...]:
     return tuple(f"{_change(population, r, i)} ± {percent(float(sd))}" for i, sd in enumerate(population.robot_sd[r]))
 
 
-def robots_in_order(fleet: Fleet) -> list[int]:
-    """Return the indices of all robots: outliers first, then robots that are not part of the population."""
-    out = [fleet.members[r] for r in fleet.standing_out]
-    odd = [*out, *(i for i, robot in enumerate(fleet.robots) if robot.failed or robot.doubts)]
-    return [*odd, *(i for i in fleet.members if i not in set(out))]
-
-
 AGAINST_NOTE = "By the robot's own data and the fleet's (shrunk). ±: standard error, relative to the robot's own value."
 
 
@@ -213,7 +206,11 @@ def _details(fleet: Fleet) -> Iterator[Section]:
         listed = list(fleet.standing_out.items())[:LISTED]
         rows = tuple((cut(member(fleet, r).name, 32), *_judged(fleet, r, i)) for r, which in listed for i in which)
         table = [Table("", ("robot", *JUDGED), rows)] if len(rows) > len(listed) else []
-        yield Section("Robots that stand out", (*table, what_stands_out()))
+        rule = (
+            "Chance: probability that any stiffness of a fleet of healthy robots differs as much from the others. "
+            f"A robot stands out below {percent(FALSE_ALARM)}; the population is then that of the others."
+        )
+        yield Section("Robots that stand out", (*table, rule))
     if fleet.population:
         yield Section("Population", tuple(trust_in(fleet, fleet.population)))
     if fleet.failed:
@@ -233,14 +230,6 @@ def _details(fleet: Fleet) -> Iterator[Section]:
 def _listed(lines: Sequence[str]) -> tuple[str, ...]:
     more = len(lines) - LISTED
     return (*lines[:LISTED], *([f"and {more} more"] if more > 0 else []))
-
-
-def what_stands_out() -> str:
-    """Return the rule by which a robot stands out."""
-    return (
-        "Chance: probability that any stiffness of a fleet of healthy robots differs as much from the other robots. A "
-        f"robot stands out below {percent(FALSE_ALARM)}; the population is then that of the others."
-    )
 
 
 def trust_in(fleet: Fleet, population: Population) -> Iterator[str]:
@@ -269,7 +258,7 @@ def trust_in(fleet: Fleet, population: Population) -> Iterator[str]:
 
 def _against(fleet: Fleet, population: Population) -> Section:
     """Return each member against the fleet's median, a few stiffnesses per table."""
-    order = [fleet.members.index(i) for i in robots_in_order(fleet) if i in set(fleet.members)]
+    order = [*fleet.standing_out, *(r for r in range(len(fleet.members)) if r not in fleet.standing_out)]
     tables = []
     for start in range(0, len(fleet.names), COLUMNS):
         own = slice(start, start + COLUMNS)

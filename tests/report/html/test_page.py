@@ -87,7 +87,7 @@ def test_the_body_is_semantic(sample):
 
 def test_headings_follow_the_stages(sample):
     stages = ["1. Noise", "2. Elastic joints"]
-    assert sample.texts_in("h2") == [*stages, "Inputs", "Assumptions", "Provenance"]
+    assert sample.texts_in("h2") == [*stages, "Inputs", "Provenance"]
     assert sample.texts_in("a") == sample.texts_in("h2")
 
 
@@ -186,7 +186,7 @@ def test_a_figure_of_very_many_points_is_bounded():
         (lambda: Table("", ("a", "b"), (("1", "2"), ("short",))), "row 1 of a table has 1 cells under 2 heads"),
         (lambda: Table("", ("a",), (("1",),), strong=(1,)), "strong rows"),
         (lambda: Table("", ("a",), (("1",),), strong=(-1,)), "strong rows"),
-        (lambda: Picture("", "alt", ""), "no SVG"),
+        (lambda: Picture("", "alt", ""), "neither SVG nor PNG"),
         (lambda: Picture("<svg></svg>", " ", ""), "without an alternative text"),
     ],
 )

@@ -1,4 +1,4 @@
-"""An arm on a page: its picture with the modes in motion, and a section on it."""
+"""The first modes of an arm in motion, as an SVG document."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -7,11 +7,9 @@ import numpy as np
 from jaxtyping import Float
 from markupsafe import escape
 
-from ident.report.page import Picture, Section, picture
 from ident.report.style import colour_of
 from ident.studies.look.predict_figure import swing_of
-from ident.studies.look.show_figure import MODES, View, most_seen, show_figure, views
-from ident.studies.look.show_report import sums
+from ident.studies.look.show_figure import MODES, View, most_seen, views
 
 if TYPE_CHECKING:
     from ident.identify.modal_analysis import ModalAnalysis
@@ -21,8 +19,6 @@ WIDTH, HEIGHT, MODE_WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
 """Size of a mode's picture, the height of its words, and the margin around the arm [px]."""
 PERIOD = 2.0
 """Period of the animation [s]: the same for all modes, much slower than real."""
-READABLE = 567
-"""Width of the picture at which its smallest letters, of 12 px, appear as 10 px [px]."""
 STYLE = (
     "text{font:13px system-ui,sans-serif;fill:#1b1f24}.soft{fill:#57606a;font-size:12px}"
     "polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}.still{display:none}"
@@ -31,12 +27,11 @@ STILL = ".moving{display:none}.still{display:inline}"
 """Rules of a still picture."""
 
 
-def moving_modes(view: "ArmView", *, still: bool = False) -> str:
+def moving_modes(view: "ArmView") -> str:
     """Return the first modes as an animated SVG document, with equal largest displacements.
 
     Args:
         view: an arm with known modes.
-        still: without animation, for a page whose reader prefers no motion: an embedded image can't know that.
     """
     assert view.analysis is not None
     analysis = view.analysis
@@ -48,7 +43,7 @@ def moving_modes(view: "ArmView", *, still: bool = False) -> str:
         for i, mode in enumerate(_modes(analysis, count, views(view)))
     )
     # browsers apply the rule of reduced motion to an animation opened by itself
-    rules = STYLE + (STILL if still else f"@media (prefers-reduced-motion:reduce),print{{{STILL}}}")
+    rules = f"{STYLE}@media (prefers-reduced-motion:reduce),print{{{STILL}}}"
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:g} {size[1]:g}" width="{size[0]:g}" '
         f'height="{size[1]:g}"><style>{rules}</style><rect width="100%" height="100%" fill="#fff"/>{modes}</svg>\n'
@@ -89,20 +84,3 @@ def _swinging(rest: Float[np.ndarray, "2 K"], swing: Float[np.ndarray, "2 K"], c
         f'<g class="still"><polyline points="{ends[1]}" stroke="{colour}" stroke-width="1" opacity="0.4"/>'
         f'<polyline points="{ends[0]}" stroke="{colour}" stroke-width="2.5"/></g>'
     )
-
-
-def arm_section(view: "ArmView", title: str) -> Section:
-    """Return masses and reach of an arm, its plausibility checks, and its picture."""
-    odd = [f"Looks odd: {each}." for each in view.oddities] or ["None of its numbers looks odd."]
-    failure = [f"No modes: {view.failure}."] if view.failure else []
-    alt = "The arm from the side and from above, with its bodies, mass centres, joints and points."
-    caption = (
-        "To scale. Boxes are the bodies' shapes, or, dashed, boxes of the same inertia; the area of a black dot is in "
-        "proportion to the mass."
-    )
-    drawn = [picture(show_figure(view, modes=False), alt, caption)]
-    if view.analysis:
-        alt = "The first modes of the arm, swinging about the arm at rest."
-        caption = "The first modes, over the arm at rest (grey); exaggerated, and slowed down to one pace."
-        drawn.append(Picture(moving_modes(view, still=True), alt, caption, READABLE, moving_modes(view)))
-    return Section(title, (f"{sums(view)}.", *failure, *odd), tuple(drawn))
