@@ -637,7 +637,7 @@ def modal_command(
 # -------- Doctor
 # The command `ident doctor`: information to send with a question.
 
-OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "distributed", "dynesty", "fpdf2")
+OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "dynesty", "fpdf2")
 """Libraries for some inputs and options."""
 
 

@@ -63,16 +63,14 @@ def test_workers_of_a_fleet_execute_nothing_planted(tmp_path):
     assert "killed" not in out
 
 
-STARTS = (
-    r"\b(subprocess|multiprocessing|distributed|pickle|shelve|runpy|os\.system|import_module|__import__|eval|exec)\b"
-)
+STARTS = r"\b(subprocess|multiprocessing|pickle|shelve|runpy|os\.system|import_module|__import__|eval|exec)\b"
 KNOWN = {
     "__init__.py": {"import_module"},  # names of its own table
     "measure/__init__.py": {"import_module"},
     "measure/recordings/__init__.py": {"import_module"},  # by the file's ending, one of a table
     "measure/recordings/matlab.py": {"subprocess"},
     "studies/__init__.py": {"import_module"},  # files beside it
-    "studies/stiffness/fleet_tasks.py": {"distributed"},  # its processes with PYTHONSAFEPATH
+    "studies/stiffness/fleet_tasks.py": {"multiprocessing"},  # its processes with PYTHONSAFEPATH
 }
 """Where processes start and modules are found by name: each keeps out of the current folder. Nothing is unpickled."""
 

@@ -142,21 +142,21 @@ def fleet(
         InputError: no robots, or two of one name. A wrong file of one robot does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
-    from ident.studies.stiffness.fleet_tasks import Engine, Task, drawn, outcomes
+    from ident.studies.stiffness.fleet_tasks import Task, drawn, outcomes
 
     files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
     if isinstance(robots, str | Path):
         label = label or Path(robots).absolute().name
-    with TemporaryDirectory() as passing, Engine(options.workers) as engine:
+    with TemporaryDirectory() as passing:
         tasks = [Task(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
-        done = [robot for _, robot in zip(steps, outcomes(tasks, engine), strict=True)]
+        done = [robot for _, robot in zip(steps, outcomes(tasks, options.workers), strict=True)]
         found = {task.name: task for task in tasks}
 
         def redraw(robots: "Sequence[Robot]", under: "Under") -> "list[Draws | None]":
             asked = [found[robot.name] for robot in robots]
             steps = progress("draws of robots", len(asked))(range(len(asked)))
-            known = dict(each for _, each in zip(steps, drawn(asked, under, engine), strict=True))
+            known = dict(each for _, each in zip(steps, drawn(asked, under, options.workers), strict=True))
             return [known[robot.name] for robot in robots]
 
         inferred = infer(done, seed=options.seed, redraw=None if options.normal else redraw)

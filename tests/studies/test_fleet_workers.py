@@ -1,16 +1,13 @@
-"""`ident fleet --workers`: whatever is killed, the files stay the same; and its processes serve nobody else."""
+"""`ident fleet --workers`: whatever is killed, the files stay the same, and nobody is left behind."""
 
 import os
 import random
 import runpy
 import sys
-from pathlib import Path
-from urllib.error import HTTPError, URLError
-from urllib.request import urlopen
 
+import psutil
 import pytest
 from arms import DATA
-from distributed import Client
 from killing import Disturbed, Run, files
 
 from ident import InputError
@@ -73,26 +70,23 @@ sys.addaudithook(watch)
 
 
 def test_processes_that_cannot_write_are_refused(tmp_path):
-    """What a worker answers where its folder is a file."""
     (tmp_path / "kept").write_text("")
     campaign, arm = DATA / "lcd_arm" / "campaign.csv", DATA / "lcd_arm" / "arm.toml"
     task = fleet_tasks.Task("a", campaign, arm, FleetOptions(), tmp_path / "kept")
-    with pytest.raises(
-        InputError, match=r"workers: got .*kept, which cannot be used .*make room there, or name another"
-    ):
-        fleet_tasks.attempt(tmp_path / "kept" / ".attempts-1", {}, task)
+    with pytest.raises(InputError, match=r"workers: got .*kept, which cannot be used .*make room there"):
+        list(fleet_tasks.done([task], 2))
 
 
-def test_a_local_cluster_serves_nothing_and_looks_for_modules_in_no_folder_of_others():
-    """Over HTTP, which no certificate protects; in its scratch folder, which Dask puts before all others."""
-    with fleet_tasks.local_cluster(1) as cluster, Client(cluster, set_as_default=False) as client:
-        (worker,) = client.scheduler_info()["workers"].values()
-        assert cluster.scheduler_address.startswith("tls://127.0.0.1:")
-        for page in ("info/main.html", "info/main/workers.html", "json/identity.json", "health", "metrics"):
-            with pytest.raises(HTTPError, match="404"):
-                urlopen(f"http://127.0.0.1:{worker['services']['dashboard']}/{page}", timeout=10)
-        with pytest.raises(URLError, match="refused"):
-            urlopen(f"http://127.0.0.1:{client.scheduler_info()['services']['dashboard']}/info/main.html", timeout=10)
-        (found,) = client.run(lambda: (sys.flags.safe_path, Path(sys.path[0]).parents[1].stat().st_mode)).values()
-        assert found[0]
-        assert not found[1] & 0o077, "nobody else may write there"
+def test_a_worker_ends_with_its_command_and_looks_for_no_module_in_the_folder_of_others(robots, tmp_path, monkeypatch):
+    """A planted module does not run; without its command a worker has nobody who would ever end it."""
+    (tmp_path / "json.py").write_text("raise SystemExit('planted')")
+    monkeypatch.chdir(tmp_path)
+    run = Run(robots, tmp_path / "out", "--workers=2")
+    run.wait_for(lambda: run.done > 0)
+    workers = run.workers
+    run.process.kill()
+    run.process.wait()
+    assert len(workers) == 2
+    _, alive = psutil.wait_procs(workers, timeout=20)
+    assert not alive
+    assert "planted" not in (tmp_path / "out.log").read_text()
