@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
@@ -71,6 +71,13 @@ class ValidateResult(Result):
     def doubtful(self) -> bool:
         """Whether a part lies too far from its prediction, a rate outside its band, or the fit to all data in doubt."""
         return bool(self.validation.missed or self.validation.fit.doubts)
+
+    def _present(self, part: str, what: str) -> Any:
+        if not self.options.recover:
+            return super()._present(part, what)
+        from ident.studies.stiffness import recovery_report
+
+        return getattr(recovery_report, f"recovery_{what}")(self.validation)
 
     def _figures(self) -> "Mapping[str, Figure]":
         return {} if self.options.recover else super()._figures()

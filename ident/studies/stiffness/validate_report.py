@@ -5,15 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.identify.recovery import Recovery
-from ident.identify.validate import Validation
 from ident.inference.information import half_width, p_in_words
 from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, by_head, cut, without_empty_columns
 from ident.report.words import counted, in_read_unit, percent, sentence, some
-from ident.studies.stiffness.recovery_report import recovery_sections
 from ident.studies.stiffness.warnings import drive_states
 
 if TYPE_CHECKING:
+    from ident.identify.validate import Validation
     from ident.inference.scrutiny import HeldOut
 
 PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
@@ -24,10 +22,8 @@ FEW, ROWS = 6, 8
 """Largest number of parts on the first screen, and of rows where a part has several."""
 
 
-def validate_sections(validation: Validation | Recovery) -> Report:
-    """Return the report of a validation, or of the recovery of known robots."""
-    if isinstance(validation, Recovery):
-        return recovery_sections(validation)
+def validate_sections(validation: "Validation") -> Report:
+    """Return the report of a validation."""
     fit, absolute = validation.fit, _absolute_kinds(validation)
     again = "check these measurements, then: ident fit"
     following = again if validation.missed or fit.doubts else "ident sample" if validation.told else "ident plan"
@@ -42,7 +38,7 @@ def validate_sections(validation: Validation | Recovery) -> Report:
     )
 
 
-def _ratios(validation: Validation) -> Iterator[str]:
+def _ratios(validation: "Validation") -> Iterator[str]:
     """Yield how well the damping law predicts ratios from other parts; the verdict does not depend on it."""
     measured, predicted, off = validation.ratios.T
     if len(off):
@@ -51,7 +47,7 @@ def _ratios(validation: Validation) -> Iterator[str]:
         yield f"Damping ratios: {inside} lie in the predicted 95 % interval; rms error {error} of the value."
 
 
-def _verdict(validation: Validation) -> Verdict:
+def _verdict(validation: "Validation") -> Verdict:
     """Judge a model by its predictions: VALID, PARTLY where it fails for some parts, NOT VALID, NOT TESTED."""
     fit, parts, told = validation.fit, validation.parts, validation.told
     if not told:
@@ -71,14 +67,14 @@ def _verdict(validation: Validation) -> Verdict:
     return Verdict("VALID", f"{every} {inside}", "good")
 
 
-def _absolute_kinds(validation: Validation) -> set[str]:
+def _absolute_kinds(validation: "Validation") -> set[str]:
     """Return the kinds with a value near zero, which have no percentages."""
     campaign = validation.fit.campaign
     sizes = {kind: [abs(m.value) for m in campaign if m.kind == kind] for kind in {m.kind for m in campaign}}
     return {kind for kind, sizes in sizes.items() if kind != "frequency" and min(sizes) <= SMALL * max(sizes)}
 
 
-def scope_table(validation: Validation) -> tuple[Table, ...]:
+def scope_table(validation: "Validation") -> tuple[Table, ...]:
     """Return the expected prediction error of each kind; empty if none was predicted."""
     absolute = _absolute_kinds(validation)
     rows = []
@@ -98,7 +94,7 @@ def _size(kind: str, absolute: Collection[str], size: float) -> str:
     return f"{number:.2g} {unit}".strip()
 
 
-def _parts_table(validation: Validation, absolute: Collection[str], *, few: bool = False) -> Table:
+def _parts_table(validation: "Validation", absolute: Collection[str], *, few: bool = False) -> Table:
     """Return each part with its errors; on the first screen those with the largest errors."""
     missed = {part.name for part in validation.missed}
     parts, caption = validation.parts, ""
@@ -112,7 +108,7 @@ def _parts_table(validation: Validation, absolute: Collection[str], *, few: bool
 
 
 def _part_rows(
-    validation: Validation, part: "HeldOut", absolute: Collection[str], is_missed: bool
+    validation: "Validation", part: "HeldOut", absolute: Collection[str], is_missed: bool
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield the relative errors of a part, and absolute errors for each kind with values near zero."""
     if not part.told:
@@ -136,7 +132,7 @@ def _part_rows(
         )
 
 
-def _findings(validation: Validation) -> Iterator[Finding]:
+def _findings(validation: "Validation") -> Iterator[Finding]:
     """Yield the findings that affect the verdict, most important first."""
     fit, parts = validation.fit, validation.parts
     if validation.missed and fit.doubts:
@@ -154,7 +150,7 @@ def _findings(validation: Validation) -> Iterator[Finding]:
 # -------- Details
 
 
-def _details(validation: Validation, absolute: Collection[str]) -> Iterator[Section]:
+def _details(validation: "Validation", absolute: Collection[str]) -> Iterator[Section]:
     note = (
         "rms error, largest: measured less predicted, relative to the measured value. expected rms: by the std. errors "
         "of the prediction, of noise and of what the other data leave undetermined. p: probability of errors as large, "
@@ -186,10 +182,8 @@ def _details(validation: Validation, absolute: Collection[str]) -> Iterator[Sect
 # -------- Rows
 
 
-def validate_rows(validation: Validation | Recovery) -> list[dict[str, Any]]:
-    """Return a row for each measurement: its part, value, prediction and standard deviation [SI]; or the rates."""
-    if isinstance(validation, Recovery):
-        return [dict(row) for row in validation.rates]
+def validate_rows(validation: "Validation") -> list[dict[str, Any]]:
+    """Return a row for each measurement: its part, value, prediction and standard deviation [SI]."""
     campaign = validation.fit.campaign.measurements
     return [
         {"part": part.name, "row": int(place) + 1, "kind": campaign[place].kind, "measured": float(part.measured[i])}
