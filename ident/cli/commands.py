@@ -173,7 +173,8 @@ offer(
     validate,
     """Test how far a fit can be trusted where nothing was measured.
 
-    Each posture is left out in turn (--leave), the arm is fitted to the rest, and what was left out is predicted.
+    Each posture is left out in turn (--leave), the arm is fitted to the rest, and what was left out is predicted. With
+    --recover, known robots are fitted by campaigns like this one: would these rows find the truth?
     Writes CAMPAIGN.validate.json and CAMPAIGN.validate.png into the folder given by --out.
     """,
     judged=True,

@@ -97,13 +97,14 @@ class Change:
         return (self.p_values < LEVEL) & self.seen & ~self.open
 
 
-def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
+def change(first: Fit, second: Fit, names: Sequence[str], *, singly: bool = True) -> Change:
     """Fit the data of two fits together and return the changes.
 
     Args:
         first: the earlier fit.
         second: the later one.
         names: parameters of both that may have changed; the others are the same, if both have them.
+        singly: whether to test each change as the only one; if not, `alone` is empty.
     """
     joint = _Joint(first, second, tuple(names))
     free, none = joint.solved()
@@ -129,8 +130,30 @@ def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
         max(joint.cost(none) - joint.cost(free), 0.0),
         mean,
         variance,
-        np.array([alone(k) for k in range(len(names))]),
+        np.array([alone(k) for k in range(len(names) if singly else 0)]),
     )
+
+
+def power(seen: Float[np.ndarray, "C C"], change: Float[np.ndarray, "C"]) -> float:
+    """Return the probability that a change of theta is noticed (`Change.seen`), in the linear case.
+
+    T is then about a noncentral chi-squared number: without a change its mean and variance are those of `moments`, and
+    the change raises its mean by what it adds to the minimum for d = 0.
+
+    Args:
+        seen: information on the changes with all other unknowns free.
+        change: of theta.
+
+    References:
+        Patnaik, "The non-central chi-squared and F distributions and their applications", Biometrika 36 (1949) 202.
+    """
+    from scipy.stats import chi2, ncx2
+
+    (mean, variance), score = moments(seen), seen @ change
+    if not mean > 0:
+        return 0.0
+    scale, rise = variance / (2 * mean), score @ np.linalg.solve(seen + np.eye(len(seen)) / WIDE**2, score)
+    return float(ncx2.sf(chi2.isf(LEVEL, mean / scale), mean / scale, rise / scale))
 
 
 def _seen(shared: Float[np.ndarray, "R U"], own: Float[np.ndarray, "R C"]) -> Float[np.ndarray, "C C"]:

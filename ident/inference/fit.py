@@ -534,6 +534,8 @@ def fit(
     starts: int = FIT_STARTS,
     spread: float = FIT_SPREAD,
     seed: int = 0,
+    start: Float[np.ndarray, "P"] | None = None,
+    checked: bool = True,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> Fit:
     """Fit the parameters by Levenberg-Marquardt from several starts.
@@ -545,16 +547,18 @@ def fit(
 
     Args:
         problem: model, data and unknowns.
-        starts: least number of starts: the parameters' own, the others normal about it; 1 for the first alone.
+        starts: least number of starts: the first, the others normal about it; 1 for the first alone.
         spread: standard deviation of the starts in theta.
         seed: of the starts.
+        start: theta of the first one, by default the parameters' own.
+        checked: whether to compare kinds of data, and to scale the intervals.
         progress: wraps the numbers of the starts, to show a bar.
 
     Raises:
         ConvergenceError: no start reaches an optimum.
         ModelError: none does, and the model has no solution at the first one.
     """
-    first = problem.parameters.theta_start
+    first = problem.parameters.theta_start if start is None else start
     noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
     noise[0] = 0
     reached: list[Ended] = []
@@ -571,6 +575,8 @@ def fit(
             break
     if not reached:
         raise _no_optimum(evaluate(problem).predicted)
+    if not checked:
+        return _answer(problem, reached, optima)
     lost = tried - len(reached)
     for _ in range(AGAIN):
         found = _explained(problem, reached, lost, seed)

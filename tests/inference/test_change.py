@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from chains import Linear
 from conformance import agrees
-from scipy.stats import kstest
+from scipy.stats import gamma, kstest
 
-from ident.inference.change import WIDE, change
+from ident.inference.change import LEVEL, WIDE, change, moments, power
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
@@ -110,3 +110,22 @@ def test_data_that_see_nothing_tell_no_change():
     assert found.p_value == 1.0
     assert found.open.all()
     assert not found.changed.any()
+
+
+@pytest.mark.parametrize("scale", [1e4, 300.0, 20.0, 0.5])
+def test_the_power_is_the_share_of_simulated_changes_that_are_seen(scale):
+    """Scores g of a linear problem drawn with the change d: T = g' (S + I)^-1 g, against the limit of its moments."""
+    rng = np.random.default_rng(5)
+    A = rng.standard_normal((6, 3))
+    seen, d = scale * A.T @ A, np.array([0.0, 1.2 / np.sqrt(scale), 0.0])
+    g = rng.multivariate_normal(seen @ d, seen, 40_000)
+    T = np.einsum("ni,ni->n", g, np.linalg.solve(seen + np.eye(3) / WIDE**2, g.T).T)
+    mean, variance = moments(seen)
+    share = np.mean(gamma.isf(LEVEL, mean**2 / variance, scale=variance / mean) < T)
+    assert 0.1 < share < 0.95
+    assert power(seen, d) == pytest.approx(share, abs=0.01 if scale > 10 else 0.03)
+    assert power(seen, 0 * d) == pytest.approx(LEVEL, abs=1e-9)
+
+
+def test_data_that_see_nothing_have_no_power():
+    assert power(np.zeros((2, 2)), np.ones(2)) == 0.0
