@@ -18,7 +18,7 @@ from ident.report.report import Table, cut
 from ident.report.templates import shown
 from ident.text import one_line
 
-WIDTH, HEIGHT, MARGIN, FOOT = 210.0, 297.0, 16.0, 18.0
+WIDTH, HEIGHT, EDGE, FOOT = 210.0, 297.0, 16.0, 18.0
 """Paper, its margins, and the room of the foot [mm]."""
 LINE, GAP, PAD, BEGINNING = 1.3, 2.5, 2.8, 45.0
 """Height of a line in letters; gap below a part, space within a cell, room for the beginning of a table [mm]."""
@@ -61,7 +61,7 @@ class _Paper(FPDF):
 
     def __init__(self, title: str, font: str | Path | None):
         super().__init__(format="A4")
-        self.set_margins(MARGIN, MARGIN)
+        self.set_margins(EDGE, EDGE)
         self.set_auto_page_break(auto=True, margin=FOOT)
         self.own, self.missing = title, dict[str, None]()
         files = Path(get_data_path()) / "fonts" / "ttf"
@@ -209,7 +209,7 @@ class _Paper(FPDF):
     def _layout(self, table: Table, rows: list[Any], look: list[str]) -> tuple[float, str, list[float]]:
         """Return size of letters, turn of the page and widths of columns, which have their words whole if they fit."""
         for size, turn in LAYOUTS:
-            room = (WIDTH if turn == "P" else HEIGHT) - 2 * MARGIN
+            room = (WIDTH if turn == "P" else HEIGHT) - 2 * EDGE
             self.style(size, bold=True)
             full = [max(map(self._width, column)) for column in zip(*rows, strict=True)]
             least = []

@@ -94,7 +94,7 @@ def _named(node):
     return " ".join([*(each.name for each in node.names), getattr(node, "module", None) or ""])
 
 
-READ = {"arm", "fit", "posterior", "path", "trace", "against", "runs", "channels", "measured"}
+READ = {"arm", "fit", "font", "posterior", "path", "trace", "against", "runs", "channels", "measured"}
 WRITTEN_TO = {"out"}
 NAMES = {"load", "payload", "criterion", "point"}
 """What `ident.toml` may set of flags with a path or free text: files that are read, the folder that is written to and
