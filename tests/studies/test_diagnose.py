@@ -300,3 +300,20 @@ def test_what_does_not_fit_is_refused_before_anything_is_computed(tmp_path):
         with pytest.raises(ident.InputError):
             diagnose(ARM, MEASURED, options, folder=tmp_path / "part")
         assert not (tmp_path / "part").exists()
+
+
+def test_what_is_left_after_the_dwell_is_judged_by_the_exact_equations(tmp_path):
+    """The peak after the dwell is that of `simulate`, of the arm and of the advised one; the page and Next say so."""
+    limit, dwell = 0.05, 0.2
+    result = diagnose(ARM, MEASURED, replace(OPTIONS, limit=None, settled=limit, dwell=dwell))
+    diagnosis, basis = result.diagnosis, result.diagnosis.task.basis
+    assert (diagnosis.vibration.measure, diagnosis.vibration.limit) == ("settled", pytest.approx(1e-3 * limit))
+    remedy = diagnosis.advised
+    speed = basis.percent if remedy.percent is None else remedy.percent
+    assert result.verdict == "warn" and diagnosis.verified.largest <= 1e-3 * limit < diagnosis.vibration.peak.max()
+    arms = ((basis.arm, basis.percent, diagnosis.vibration.peak), )
+    for arm, percent, peak in arms:
+        moved = ident.simulate(arm, speed=percent, dwell=basis.motion.breaks[-1] - basis.motion.arrival, method="exact")
+        late = moved.time >= moved.arrival + dwell - 1e-9
+        np.testing.assert_allclose(np.abs(moved.vibration[:, late]).max(1), peak, rtol=0.02)
+    assert "left after the dwell" in result.report()

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ident.report.report import Finding, Report, Section, Table, by_head, cut, written
-from ident.report.words import MM, counted, some
+from ident.report.words import MM, some
 from ident.studies.basis import all_findings, subject
 from ident.text import as_word
 
@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
 MARKED = 0.01
 """Relative difference from the first variant that is marked."""
-LISTED = 4
-"""Numbers of the arm files named on the first screen."""
 QUANTITIES = {
     "mass": ("mass [kg]", 1.0, ".4g"),
     "frequency1": ("mode 1 at the end [Hz]", 1.0, ".2f"),
@@ -33,13 +31,12 @@ def variants_sections(variants: Sequence["Variant"], options: "VariantsOptions")
     arms = [each.motions.basis.arm.numbers() for each in variants]
     every = ((path, *(arm.get(path) for arm in arms)) for path in dict.fromkeys(path for arm in arms for path in arm))
     rows = [row for row in every if len({None if x is None else float(x) for x in row[1:]}) > 1]
-    differing = f"{counted(len(rows), 'number')} of the arms differ: {some([str(row[0]) for row in rows], LISTED)}."
+    differing = f"Numbers of the arms that differ: {some([str(row[0]) for row in rows])}."
     details = by_head(("Number [SI]", *(f"{head}|.6g" for head in names(variants))), rows)
     answer = _table(variants, options), differing if rows else "The arms have the same numbers."
     title = f"{len(variants)} variants: {subject(variants[0].motions.basis)}"
     sections = (Section("Numbers that differ", (details,)),)[: len(rows)]
-    findings = tuple(_findings(variants))
-    return Report(title, None, answer, findings, next=_next(variants), details=sections)
+    return Report(title, None, answer, tuple(_findings(variants)), next=_next(variants), details=sections)
 
 
 def names(variants: Sequence["Variant"]) -> list[str]:
