@@ -3,19 +3,24 @@
 import re
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import equinox as eqx
 import numpy as np
 import pytest
 from arms import DATA
+from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
 
 import ident
 from ident.errors import InputError
-from ident.studies.cure.variants_report import differs
+from ident.identify.values import Values
+from ident.studies.cure.variants import Variant, VariantsOptions, VariantsResult, _basis
+from ident.studies.cure.variants_report import QUANTITIES, differs
 
 FILE = DATA / "lcd_arm" / "arm.toml"
 FIT = DATA.parent / "tests" / "data" / "results" / "10" / "campaign.fit.json"
+COMPUTED = dict(zip(QUANTITIES, (138.8, 4.12, 4.80, 26.3e-3, 153e-6, 0.709e-3, 31.6, None), strict=True))
 QUICK = {"speed": 100.0, "profile": "trapezoid", "phases": "file", "limit": 0.6, "segments": 4}
 
 
@@ -85,6 +90,33 @@ def test_one_percent_is_a_difference_and_so_is_no_motion():
     assert differs(1.011, 1.0)
     assert differs(None, 1.0)
     assert not differs(None, None)
+
+
+def made_up(count, **values):
+    """Variants of one arm with numbers of their own, as if computed."""
+    basis = replace(_basis(FILE, VariantsOptions()), **values)
+    each = ({name: x and x * (1 + 0.1 * i) for name, x in COMPUTED.items()} for i in range(count))
+    motions = SimpleNamespace(basis=basis, recommended=None)
+    return [Variant("a_long_name.fit", basis.arm_file, motions, numbers) for numbers in each]
+
+
+def test_eight_columns_fit_on_a_screen():
+    report = VariantsResult(tuple(made_up(8)), VariantsOptions()).report()
+    assert_one_screen(report)
+    assert not too_wide(report)
+    (mass,) = (line for line in report.splitlines() if line.startswith("  mass"))
+    assert mass.split()[2:] == ["138.8", *(word for i in range(1, 8) for word in ("*", f"{138.8 * (1 + 0.1 * i):.4g}"))]
+    (best,) = (line for line in report.splitlines() if line.startswith("  best motion"))
+    assert best.split()[3:] == ["-"] * 8
+    assert f"Next: ident design {FILE}" in report, "where no motion keeps the limit"
+
+
+def test_of_posteriors_no_probability_of_a_difference_is_given():
+    drawn = made_up(2, posterior=Values("draws.nc", "", {"joint1.k_tors": np.array([3e5, 4e5])}))
+    report = VariantsResult(tuple(drawn), VariantsOptions()).report()
+    assert "no probability of a difference is given" in report
+    assert "--posterior draws.nc" in report
+    assert "no probability" not in VariantsResult(tuple(made_up(2)), VariantsOptions()).report()
 
 
 def without_drives(file):

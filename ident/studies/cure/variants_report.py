@@ -17,9 +17,9 @@ QUANTITIES = {
     "mass": ("mass [kg]", 1.0, ".4g"),
     "frequency1": ("mode 1 at the end [Hz]", 1.0, ".2f"),
     "frequency2": ("mode 2 at the end [Hz]", 1.0, ".2f"),
-    "deflection": ("static deflection there [mm]", MM, ".3g"),
-    "compliance": ("compliance at the tool [um/N]", 1e6, ".3g"),
-    "vibration": ("vibration, worst phases [mm]", MM, ".3f"),
+    "deflection": ("deflection there [mm]", MM, ".3g"),
+    "compliance": ("tool compliance [um/N]", 1e6, ".3g"),
+    "vibration": ("worst vibration [mm]", MM, ".3g"),
     "settled": ("settled after [s]", 1.0, ".1f"),
     "best_time": ("best motion [s]", 1.0, ".1f"),
 }
@@ -41,7 +41,7 @@ def variants_sections(variants: Sequence["Variant"], options: "VariantsOptions")
 
 def names(variants: Sequence["Variant"]) -> list[str]:
     """Return the variants' names with their numbers: `1 arm`."""
-    return [f"{i} {cut(each.name, 12)}" for i, each in enumerate(variants, 1)]
+    return [f"{i} {cut(each.name, max(7, 40 // len(variants)))}" for i, each in enumerate(variants, 1)]
 
 
 def _table(variants: Sequence["Variant"], options: "VariantsOptions") -> Table:
@@ -50,11 +50,9 @@ def _table(variants: Sequence["Variant"], options: "VariantsOptions") -> Table:
         values = [x and factor * x for x in (each.numbers[name] for each in variants)]
         marks = ("* " * differs(x, values[0]) for x in values)
         rows.append((words, *(mark + written(x, form) for mark, x in zip(marks, values, strict=True))))
-    note = (
-        f"*: more than {100 * MARKED:g} % from the first. Settled: below {options.settled:g} mm for good, by the worst "
-    )
+    note = f"*: more than {100 * MARKED:g} % from the first. Settled: below {options.settled:g} mm for good, worst "
     note += f"phases. Best motion: least time along the path within {options.limit:g} mm, by the exact equations. "
-    return by_head(("", *names(variants)), rows, note=f"{note}Compliance of the joints alone: links count as rigid.")
+    return by_head(("", *names(variants)), rows, note=f"{note}Compliance: links count as rigid.")
 
 
 def differs(value: float | None, first: float | None) -> bool:
