@@ -38,6 +38,7 @@ FIGURES = {
     "sweep": "arm.extend-10.joint1.k_tors+bracket.com.x+speed.sweep.png",
     "motion": "arm.extend-10.motion.png",
     "design": "arm.extend-10.design.png",
+    "variants": "arm-campaign.fit.variants.png",
     "show": "arm.show.png",
     "modal": "hammer.modal.modes2.png",
 }

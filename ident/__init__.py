@@ -30,6 +30,7 @@ In the order of use; every study is one function that returns one frozen result.
     joint           stiffness, friction, backlash and delay of a joint from logs of its motor and link
     motion          how fast to go along the path so that the arm keeps a limit, no part changed
     design          what to change so that the arm vibrates least
+    variants        up to eight arms, designs or fitted robots with one motion, side by side
     explore         a page with sliders: what the arm does when a number is changed
     diagnose        all of it, from a campaign to advice
     export          what was identified, in the robot's own description: MJCF, URDF, arm file, or JSON
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     from ident.studies.cure.design import DesignOptions, DesignResult, design
     from ident.studies.cure.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
     from ident.studies.cure.motion import MotionOptions, MotionResult, motion
+    from ident.studies.cure.variants import VariantsOptions, VariantsResult, variants
     from ident.studies.handout import hand_over
     from ident.studies.look.explore import ExploreOptions, ExploreResult, explore
     from ident.studies.look.export import export

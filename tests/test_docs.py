@@ -42,7 +42,7 @@ REDUCED = {
     "balance": ("--speed=200", "--dwell=0.2", "--no-figure"),
 }
 """What is added to a command that takes long: the way through it is tested, its numbers are elsewhere."""
-READ = ("sample", "sweep", "motion", "design", "fleet", "--soft-base", "--posterior")
+READ = ("sample", "sweep", "motion", "design", "variants", "fleet", "--soft-base", "--posterior")
 """Commands, and flags of others, that are read and checked but not computed, as other tests do that."""
 MADE = {"ident source data/lcd_arm/runs/runs.csv --arm data/lcd_arm/arm.toml --quiet": "runs.source.json"}
 """Stored results that are put in the place of those of such commands."""

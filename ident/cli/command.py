@@ -206,6 +206,7 @@ MAIN: Mapping[str, str] = {
     "source": "init posterior hold_out offset strict",
     "sweep": "vary grid limit speed fit posterior",
     "motion": "limit settled time speed fit posterior errors",
+    "variants": "limit settled speed load",
     "design": "limit change speed fit posterior",
     "balance": "radius holes height most speed path",
     "joint": "ratio inertia alone locked upto strict",

@@ -40,6 +40,7 @@ from ident.studies.cure.balance import balance
 from ident.studies.cure.design import design
 from ident.studies.cure.diagnose import DiagnoseOptions, diagnose, discard_stages, part_folder
 from ident.studies.cure.motion import motion
+from ident.studies.cure.variants import variants
 from ident.studies.following import kept_in
 from ident.studies.handout import hand_over
 from ident.studies.look.explore import explore
@@ -298,6 +299,11 @@ offer(
     where no motion keeps the limit.
     """,
     posterior=flag("posterior of ident sample (.nc): the limit is kept with 95 % by its draws"),
+)
+offer(
+    variants,
+    "Compare up to eight arms in one motion, a column each. Writes FIRST-SECOND.variants.json and .png (--out).",
+    arms=Annotated[list[Path], typer.Argument(help="arm files, or results of fit, sample or design")],
 )
 offer(
     design,

@@ -21,7 +21,7 @@ COMMANDS = (
     *("fit", "check", "profile", "sample", "validate", "plan", "compare", "predict", "resonance", "simulate"),
     *("spectrum", "sweep", "design", "diagnose", "explore", "fleet", "new", "show", "export", "rerun"),
 )
-NO_VERDICT = {"predict", "spectrum", "explore", "export", "new"}
+NO_VERDICT = {"predict", "spectrum", "variants", "explore", "export", "new"}
 """What judges nothing, see docs/answers.md; simulate and sweep only do with a limit."""
 UNKNOWNS = 8
 """Unknowns that a first screen has room for; each further one has a line of its own."""

@@ -302,3 +302,24 @@ def test_what_does_not_fit_is_refused_before_anything_is_computed(tmp_path):
         with pytest.raises(ident.InputError):
             diagnose(ARM, MEASURED, options, folder=tmp_path / "part")
         assert not (tmp_path / "part").exists()
+
+
+def test_what_is_left_after_the_dwell_is_judged_by_the_exact_equations():
+    """The vibration after the dwell is that of `simulate`, which says too that the end settles later."""
+    limit, dwell = 0.05, OPTIONS.dwell
+    result = diagnose(ARM, MEASURED, replace(OPTIONS, limit=None, settled=limit))
+    vibration, basis = result.diagnosis.vibration, result.diagnosis.task.basis
+    assert (vibration.measure, vibration.limit) == ("settled", pytest.approx(1e-3 * limit))
+    held = float(basis.motion.breaks[-1] - basis.motion.arrival)
+    moved = ident.simulate(
+        basis.arm, speed=basis.percent, dwell=held, method="exact", phases="file", rate=250.0, settled=limit
+    )
+    late = np.abs(moved.vibration[:, moved.time >= moved.arrival + dwell - 1e-9]).max(1)
+    np.testing.assert_allclose(vibration.peak, late, rtol=0.02, atol=1e-7)
+    assert max(row["settled"] for row in moved.table()) > moved.arrival + dwell, "so it is not settled in time"
+    assert not vibration.accepted
+    assert result.verdict == "reject"
+    report = result.sections()
+    assert report.verdict.word == "NOT OK"
+    assert f"exceeds the limit of {limit} mm for what is left after the dwell" in report.verdict.reason
+    assert f"--settled {limit}" in report.next

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 import ident
 from ident.errors import InputError
 from ident.measure import read_log
-from ident.studies.cure.motion_study import Wanted, share_of_motion
+from ident.studies.cure.motion_study import MotionStudy, Wanted, share_of_motion
 from ident.vibrate.motion import stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.simulate import simulate
@@ -96,6 +96,22 @@ def test_the_best_knobs_have_the_numbers_to_type_and_keep_both_limits(limited, t
     size = np.abs(np.asarray(run.vibration))
     assert 1e3 * size.max() < 0.9 * 1.01  # of the fast method: the limit holds by the exact one
     assert 1e3 * size[:, np.asarray(run.time) > advised.ready].max() < 0.4
+
+
+def test_the_figure_shows_the_knobs_where_they_are_recommended(limited, tmp_path, monkeypatch):
+    monkeypatch.setattr(MotionStudy, "recommended", property(lambda study: study.best_knobs))
+    path = tmp_path / "arm.toml"
+    path.write_text(limited.read_text() + "".join(map(table, ("speed", "ramp", "jerk time"))))
+    result = ident.motion(path, speed=60.0, limit=0.9, segments=4, rate=125.0)
+    best, along = result.motions.best_knobs, result.motions.candidates[-1]
+    assert best.time != pytest.approx(along.time, abs=0.1)
+    figure = result.figures()[""]
+    above, below = (axes.lines[1] for axes in figure.axes)
+    assert below.get_xdata()[-1] == pytest.approx(best.time + result.options.dwell, abs=0.02)
+    assert below.get_ydata().max() == pytest.approx(1e3 * best.worst, rel=1e-9)
+    speed = np.degrees(np.abs(np.asarray(best.motion(np.linspace(0.0, best.time, 1001))[1])).max(1))[0]
+    assert above.get_ydata().max() == pytest.approx(speed / abs(float(STROKE.direction[0])), rel=0.01)
+    assert "best knobs" in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_known_phases_are_no_matter_of_the_motion(result):

@@ -3,10 +3,9 @@
 from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ident.report.report import cut
-from ident.report.style import BLUE, ORANGE, PALE, Style, heading, key_below, plain, titled
+from ident.report.style import BLUE, ORANGE, PALE, Style, heading, key_below, lines, plain, titled
 
 if TYPE_CHECKING:
     from ident.studies.cause.source_study import SourceStudy
@@ -39,10 +38,7 @@ def source_figure(study: "SourceStudy") -> Figure:
         plain(axes, grid=True)
         heading(axes, f"{cut(channel.name, 60)}: {100 * found.explained[number]:.1f} % explained", {})
     grid[-1].set_xlabel("time from the start of the motion [s]", fontsize=9)
-    handles = [
-        Line2D([], [], label=label, **style)
-        for label, style in (("measured", MEASURED), ("computed", COMPUTED), ("left unexplained", LEFT))
-    ]
+    handles = lines({"measured": MEASURED, "computed": COMPUTED, "left unexplained": LEFT})
     which = f" The {MOST} least explained of {len(problem.channels)} traces." if len(problem.channels) > MOST else ""
     key_below(figure, handles, f"Slower than 0.5 Hz left out.{which}", columns=3)
     return figure

@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ident.report.report import cut
-from ident.report.style import GREEN, ORANGE, PALE, heading, key_below, note, plain, titled
+from ident.report.style import GREEN, ORANGE, PALE, Style, heading, key_below, lines, note, plain, titled
 from ident.studies.cause.source_figure import COMPUTED, MEASURED
 
 if TYPE_CHECKING:
@@ -31,13 +30,10 @@ def balance_figure(balance: "Balance") -> Figure:
     for number, rotor in enumerate(shown):
         place = figure.add_subplot(grid[1, number], projection="polar")
         _draw_rotor(place, rotor, mounted=rotor.balanced and balance.gains)
-    handles = [
-        Line2D([], [], label="before", **MEASURED),
-        Line2D([], [], label="after (predicted)", **COMPUTED),
-        Line2D([], [], label="imbalance, draws", color=ORANGE, marker="o", linestyle="", markersize=4),
-        Line2D([], [], label="mass to mount", color=GREEN, marker="s", linestyle="", markersize=6),
-    ]
-    key_below(figure, handles, "Rotors as seen with the joint's axis pointing at you, joints at 0.", columns=4)
+    draws: Style = {"color": ORANGE, "marker": "o", "linestyle": "", "markersize": 4}
+    mass: Style = {"color": GREEN, "marker": "s", "linestyle": "", "markersize": 6}
+    entries = {"before": MEASURED, "after (predicted)": COMPUTED, "imbalance, draws": draws, "mass to mount": mass}
+    key_below(figure, lines(entries), "Rotors as seen with the joint's axis pointing at you, joints at 0.")
     return figure
 
 

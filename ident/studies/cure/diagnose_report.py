@@ -268,9 +268,7 @@ def remedy_command(diagnosis: "Diagnosis") -> str:
         changed = f" --speed {best.percent:g}" * (best.percent != basis.percent)
     changed += "".join(f" --set {path}={value:.6g}" for path, value in sets.items())
     wanted = "--settled" if diagnosis.task.measure == "settled" else "--limit"
-    if (
-        study == "design" and wanted == "--settled"
-    ):  # it has no such option; after the arrival there is more than after the dwell
+    if study == "design" and wanted == "--settled":  # it has no such option; more is after the arrival than the dwell
         wanted = "--measure residual --limit"
     return f"ident {study} {{arm}} {wanted} {MM * diagnosis.task.limit:g} --posterior {{result}}.nc{changed}"
 

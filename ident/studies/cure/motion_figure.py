@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from ident.report.style import GREY, ORANGE, Style, key_below, note, plain, titled
+from ident.report.style import GREY, ORANGE, Style, key_below, lines, note, plain, titled
 from ident.report.words import MM
 from ident.studies.basis import motion_title
 from ident.studies.cure.design_figure import AFTER, BEFORE, COLORS, LIMIT
@@ -24,8 +23,8 @@ def motion_figure(motions: "MotionStudy") -> Figure:
     scheduling = motions.scheduling
     figure = titled((8.0, 7.0), motion_title("Speed along the path", motions.basis), (0.08, 0.1))
     top, below = figure.subplots(2, 1)
-    highest = 0.0
-    for candidate, style in ((motions.candidates[0], BEFORE), (motions.candidates[-1], AFTER)):
+    highest, shown = 0.0, motions.shown
+    for candidate, style in ((motions.candidates[0], BEFORE), (shown, AFTER)):
         time = np.linspace(0.0, candidate.motion.arrival, 1001)
         alpha = np.degrees(scheduling.path.alpha(candidate.motion(time)[0]))
         rate = np.abs(np.gradient(alpha, time))
@@ -38,10 +37,10 @@ def motion_figure(motions: "MotionStudy") -> Figure:
             top.plot(np.degrees(along), np.where(speeds < 1.3 * highest, speeds, np.nan), **style)
     for whole, style in ((motions.before, BEFORE), (motions.after, AFTER)):
         below.plot(whole.time, MM * whole.envelope.max(0), **style)
-    lines = [("limit,", motions.limit, LIMIT)] * bool(np.isfinite(motions.limit))
+    limits = [("limit,", motions.limit, LIMIT)] * bool(np.isfinite(motions.limit))
     if motions.wanted.settled is not None:
-        lines.append(("settled below", motions.wanted.settled, SETTLED))
-    for _, value, style in lines:
+        limits.append(("settled below", motions.wanted.settled, SETTLED))
+    for _, value, style in limits:
         below.axhline(MM * value, **style)
     for axes in (top, below):
         plain(axes, grid=True)
@@ -50,14 +49,9 @@ def motion_figure(motions: "MotionStudy") -> Figure:
     top.set(xlabel="alpha along the path [deg]", ylabel="speed of alpha [deg/s]")
     below.set_xlim(left=0)
     below.set(xlabel="time [s]", ylabel="largest vibration over the phases [mm]")
-    handles = [
-        Line2D([], [], label="as it is", **BEFORE),
-        Line2D([], [], label="speed along the path", **AFTER),
-        Line2D([], [], label="a pulley meets mode 1", **MODES[0]),
-        Line2D([], [], label="mode 2", **MODES[1]),
-        *(Line2D([], [], label=f"{word} {MM * value:g} mm", **style) for word, value, style in lines),
-    ]
-    key_below(figure, handles, "fast method; largest of X, Y, Z", columns=len(handles))
+    entries = {"as it is": BEFORE, shown.name: AFTER, "a pulley meets mode 1": MODES[0], "mode 2": MODES[1]}
+    entries |= {f"{word} {MM * value:g} mm": style for word, value, style in limits}
+    key_below(figure, lines(entries), "fast method; largest of X, Y, Z", columns=len(entries))
     return figure
 
 

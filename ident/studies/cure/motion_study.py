@@ -17,6 +17,7 @@ from ident.programs import Progress
 from ident.studies.cure.knobs import settings, typed
 from ident.studies.cure.remedies import CONFIDENT, keeping, tolerance_limit
 from ident.studies.scenario import Basis, over_phases
+from ident.text import one_line
 from ident.vibrate.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.evaluator import Draws, Evaluator, exact_response
 from ident.vibrate.motion import PROFILES, Motion, stroke
@@ -142,7 +143,7 @@ class MotionStudy:
         wanted: what the vibration must keep.
         share_of_motion: share of the worst vibration that comes from the motion itself, not from drives [-]
         before: vibration of the present motion, over the unknown phases.
-        after: of the speeds along the path.
+        after: of the motion that figures show.
         candidates: the present motion, the others, and the speeds along the path last.
         schedule: the speeds along the path.
         bands: (3, 2, K) [Hz] 5, 50 and 95 % of the draws of the two lowest frequencies at K even points of the path.
@@ -188,6 +189,12 @@ class MotionStudy:
         return next((each for each in self.candidates if each.kind == "best"), None)
 
     @property
+    def shown(self) -> Candidate:
+        """The motion that figures show: the recommended one, else the speeds along the path."""
+        best = self.recommended
+        return self.candidates[-1] if best is None or best is self.candidates[0] else best
+
+    @property
     def recommended(self) -> Candidate | None:
         """The candidate that keeps the limit in the least time, or has settled then; None if none does."""
         good = [each for each in self.candidates if self.met(each)]
@@ -219,7 +226,8 @@ def scheduling_of(
     arm = basis.arm.replace(basis.unknown.highest)
     if not exciting_orders(arm):
         remedy = "give their eccentric_mass and eccentricity, or --errors; without them no speed matters"
-        raise refusal(arm.name, "no drive that excites", "imbalance or a transmission error of a [[drive]]", remedy)
+        where, expected = one_line(basis.arm_file.path or arm.name), "imbalance or a transmission error of a [[drive]]"
+        raise refusal(where, "no drive that excites", expected, remedy)
     evaluator = Evaluator(arm, basis.motion, (), loads=basis.loads, rate=RATE, unknown=basis.unknown.phases)
     if along is None:
         path = Path.of_motion(basis.arm, basis.motion)
@@ -247,6 +255,7 @@ def motions(
     time: float | None,
     fresh: Draws,
     progress: Progress = iter,
+    others: bool = True,
 ) -> MotionStudy:
     """Compare motions along a path of an arm, and search the speeds along it.
 
@@ -257,6 +266,7 @@ def motions(
         time: [s] in which to minimise the vibration; None for the least time that keeps the limit.
         fresh: draws unused so far; none without a posterior.
         progress: shows progress over the steps of the search.
+        others: whether to compare other motions, too.
 
     Raises:
         InputError: a time out of reach.
@@ -268,13 +278,14 @@ def motions(
     before = scheduling.vibration(basis.motion)
     as_it_is = judge("as it is", "as it is", basis.motion, before)
     own = share_of_motion(scheduling, basis.motion)
-    others = [judge(*each) for each in _profiles(basis, scheduling)]
-    if own > TOUCHED:
-        others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
-    soonest = partial(_soonest, search, wanted, judge, poles)
-    if (slower := soonest([("", "speed", basis.motion), *_overridden(basis)])) and slower.name:
-        others.append(slower)
-    others += _by_knobs(basis, search, judge, soonest)
+    compared: list[Candidate] = []
+    if others:
+        compared += [judge(*each) for each in _profiles(basis, scheduling)]
+        compared += [judge(*each) for each in _shaped(scheduling, basis.motion)] if own > TOUCHED else []
+        soonest = partial(_soonest, search, wanted, judge, poles)
+        slower = soonest([("", "speed", basis.motion), *_overridden(basis)])
+        compared += [slower] if slower and slower.name else []
+        compared += _by_knobs(basis, search, judge, soonest)
     schedule, share, studies = None, 1.0, list[MotionStudy]()
     constant = 0.0 if poles is None else float(-1 / poles[np.isfinite(poles)].real.max())
     for _ in range(TIGHTENED):
@@ -287,7 +298,7 @@ def motions(
         found = judge("speed along the path", "along the path", schedule.motion, after)
         checks = _verified(basis, scheduling, schedule.motion, after, fresh, wanted)
         found = replace(found, verification=checks)
-        every, bands = (as_it_is, *others, found), _bands(scheduling, basis)
+        every, bands = (as_it_is, *compared, found), _bands(scheduling, basis)
         studies.append(MotionStudy(basis, scheduling, wanted, own, before, after, every, schedule, bands))
         if time is not None or (studies[-1].met(found) and found.ready < found.time + SOON):
             break
@@ -298,11 +309,13 @@ def motions(
     study = studies[-1]
     if settles:
         study = min(studies, key=lambda each: (not each.met(each.candidates[-1]), each.candidates[-1].ready))
+    whole = dict[str, Superposition]()
     while best := next((x for x in (study.recommended, study.best_knobs) if x and x.verification is None), None):
-        checks = _verified(basis, scheduling, best.motion, scheduling.vibration(best.motion), fresh, wanted)
+        whole[best.name] = scheduling.vibration(best.motion)
+        checks = _verified(basis, scheduling, best.motion, whole[best.name], fresh, wanted)
         every = tuple(replace(each, verification=checks) if each is best else each for each in study.candidates)
         study = replace(study, candidates=every)
-    return study
+    return replace(study, after=whole.get(study.shown.name, study.after))
 
 
 def _at_low_damping(basis: Basis, scheduling: Scheduling) -> Scheduling:

@@ -8,12 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.transforms import Transform
 
 from ident.arm.modes import Label
 from ident.report.report import cut
-from ident.report.style import GREY, NAME_STYLES, colour_of, key_below, note, plain, titled
+from ident.report.style import GREY, NAME_STYLES, colour_of, key_below, lines, note, plain, titled
 from ident.studies.basis import alike
 from ident.studies.working.resonance_report import band_words, grouped, same_lines, sources_words
 from ident.vibrate.branches import Branches
@@ -57,11 +56,8 @@ def resonance_figure(
     plain(upper, grid=True)
     plain(lower)
     names = {f"{name.direction} {name.kind}" for b in range(len(branches.labels)) for name, *_ in _spans(branches, b)}
-    shapes = [
-        Line2D([], [], color=style["color"], linewidth=1.9, label=words)
-        for words, style in NAME_STYLES.items()
-        if words in names
-    ]
+    shown = {words: style["color"] for words, style in NAME_STYLES.items() if words in names}
+    shapes = lines({words: {"color": colour, "linewidth": 1.9} for words, colour in shown.items()})
     key_below(figure, shapes, "\n".join(_notes(branches, crossings)), left=True)
     return figure
 

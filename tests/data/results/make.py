@@ -54,6 +54,7 @@ def results(folder: Path) -> Iterator[Result]:
     yield ident.balance(source, speed=200.0, dwell=0.2)
     yield ident.joint([DATA / "kr300" / f"{name}.csv" for name in "ab"], inertia="700")
     yield ident.motion(ARM, speed=100.0, dwell=0.2, time=6.0, segments=4)
+    yield ident.variants([ARM, fit.save(folder)[0]], speed=100.0, dwell=1.0, limit=1.0, segments=4)
     yield ident.design(ARM, change={"joint1.k_tors": ("1x", "2x")}, no_curve=True, starts=1, **SHORT)
     yield ident.modal_test(LCD / "hammer")
     yield ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=SMALL))
