@@ -11,7 +11,7 @@ from fpdf.fonts import FontFace
 from matplotlib import get_data_path
 from PIL import Image
 
-from ident.errors import require
+from ident.errors import refusal, require
 from ident.files import replace_file
 from ident.report.page import Page, Picture, Section, columns
 from ident.report.report import Table, cut
@@ -71,9 +71,8 @@ class _Paper(FPDF):
             try:
                 self.add_font("other", "", font)
             except Exception:  # fontTools raises anything for a damaged file
-                require(
-                    False, one_line(str(font)), "no readable font", "a TrueType font (.ttf)", "name another (`font`)"
-                )
+                got, expected = "no readable font", "a TrueType font (.ttf)"
+                raise refusal(one_line(str(font)), got, expected, "name another (`font`)") from None
             self.set_fallback_fonts(["other"], exact_match=False)
         self.letters = {code for key in ("body", "other") for code in getattr(self.fonts.get(key), "cmap", ())}
         self.set_title(self.words(title))
@@ -191,15 +190,9 @@ class _Paper(FPDF):
         if table.caption:
             self.text_block(table.caption, SMALL, gap=0.5, bold=True)
         self.style(size)
-        self._grid(
-            rows,
-            widths,
-            strong={0, *(i + 1 for i in table.strong)},
-            line_height=height,
-            text_align=tuple("RIGHT" if each == "number" else "LEFT" for each in look),
-            borders_layout="HORIZONTAL_LINES",
-            first_row_as_headings=True,
-        )
+        align = tuple("RIGHT" if each == "number" else "LEFT" for each in look)
+        how = {"line_height": height, "borders_layout": "HORIZONTAL_LINES", "first_row_as_headings": True}
+        self._grid(rows, widths, strong={0, *(i + 1 for i in table.strong)}, text_align=align, **how)
         if table.note:
             self.text_block(table.note, SMALL, colour=SOFT)
 

@@ -27,8 +27,6 @@ MOST = 8
 """Variants in one table, at most."""
 TAKEN = ("fit", "sample", "design")
 """Studies whose saved results are variants."""
-COMPARED = ["mass", "frequency1", "frequency2", "deflection", "compliance", "vibration", "settled", "best_time"]
-"""Numbers of the arm, its modes at the end of the motion, and of the motion."""
 
 
 class VariantsOptions(HeldMotionOptions):
