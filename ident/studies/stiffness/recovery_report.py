@@ -32,7 +32,7 @@ def recovery_sections(recovery: "Recovery") -> Report:
         faults.append((name, f"{count} of {of}{linear}", band))
     shares = [100 * row["held"] / row["intervals"] for row in rates if row["intervals"]]
     good = bool(shares) and not recovery.missed
-    held = f"holds the truth of {min(shares):.0f} to {max(shares):.0f} %" if shares else "is withheld"
+    held = f"holds the truth of {min(shares):.0f} to {max(shares):.0f} %" if shares else "is not reported"
     right = f"Of {draws} robots, each 95 % interval {held}; {counted(alarms, 'false alarm')}."
     wrong = f"Outside the binomial band: {some(recovery.missed)}. " * bool(recovery.missed)
     weak = [f"a change of {row['unknown']}" for row in rates if row["power"] is not None and row["power"] < ENOUGH]
