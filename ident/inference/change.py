@@ -104,7 +104,7 @@ def change(first: Fit, second: Fit, names: Sequence[str], *, singly: bool = True
         first: the earlier fit.
         second: the later one.
         names: parameters of both that may have changed; the others are the same, if both have them.
-        singly: whether to test each change as the only one; if not, `alone` is empty.
+        singly: whether to test each change as the only one; if not, `alone` is NaN.
     """
     joint = _Joint(first, second, tuple(names))
     free, none = joint.solved()
@@ -130,7 +130,7 @@ def change(first: Fit, second: Fit, names: Sequence[str], *, singly: bool = True
         max(joint.cost(none) - joint.cost(free), 0.0),
         mean,
         variance,
-        np.array([alone(k) for k in range(len(names) if singly else 0)]),
+        np.array([alone(k) if singly else np.nan for k in range(len(names))]),
     )
 
 

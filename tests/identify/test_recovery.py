@@ -14,7 +14,7 @@ from ident.studies.stiffness.validate import ValidateOptions, validate
 pytestmark = pytest.mark.slow
 
 ARM, CAMPAIGN = DATA / "lcd_arm" / "arm.toml", DATA / "lcd_arm" / "campaign.csv"
-DRAWS = 24
+DRAWS = 12
 
 
 @pytest.fixture(scope="module")
@@ -33,11 +33,11 @@ def test_rates_are_those_of_right_intervals(result):
         assert row["standard_error"] < 0.03
     assert recovery.noticed[RIGHT][0] <= binom.ppf(0.999, DRAWS, FALSE_ALARMS)
     seen, of = recovery.noticed[CHANGED]
-    assert of == 20
+    assert of == DRAWS
     low, high = binom.ppf([5e-4, 1 - 5e-4], of, recovery.expected / of)
     assert low <= seen <= high
-    assert [of for _, of in recovery.noticed.values()][2:] == [20, 20, 20]
-    assert recovery.noticed["labels of two modes swapped"][0] >= 16  # frequencies apart by many sigmas
+    assert [of for _, of in recovery.noticed.values()][2:] == [DRAWS] * 3
+    assert recovery.noticed["labels of two modes swapped"][0] >= 10  # frequencies apart by many sigmas
     assert (
         recovery.noticed["one row 6 sigma off"][0] >= 10
     )  # tests/benchmarks/explanations.py --rows: 0.93 by leverages
@@ -67,5 +67,5 @@ def test_the_same_seed_gives_the_same_numbers(result):
 
 
 def test_without_a_prior_no_robot_can_be_drawn(result):
-    with pytest.raises(InputError, match="recover: no prior"):
+    with pytest.raises(InputError, match="recover: got no prior"):
         recover(result.validation.fit, Unknowns(prior_sd=float("inf")), 10)

@@ -72,6 +72,6 @@ def test_no_interval_is_no_recovery():
     assert nothing.covered == 0
     report = recovery_sections(nothing)
     assert report.verdict.word == "NOT RECOVERED"
-    assert report.verdict.reason == "Of 100 robots, each 95 % interval holds the truth of 0 %; 2 false alarms."
+    assert report.verdict.reason == "Of 100 robots, each 95 % interval is not reported; 2 false alarms."
     assert report.answer[0].texts[0][2:] == ("0 of 0", "-", "0 %")
     assert report.findings[0].text == "Often unnoticed: a change of joint1.k_bend"

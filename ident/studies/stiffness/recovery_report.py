@@ -31,8 +31,9 @@ def recovery_sections(recovery: "Recovery") -> Report:
         linear = f"; by the linear problem {recovery.expected:.1f}" if name == CHANGED else ""
         faults.append((name, f"{count} of {of}{linear}", band))
     shares = [100 * row["held"] / row["intervals"] for row in rates if row["intervals"]]
-    span, good = f"{min(shares):.0f} to {max(shares):.0f}" if shares else "0", bool(shares) and not recovery.missed
-    right = f"Of {draws} robots, each 95 % interval holds the truth of {span} %; {counted(alarms, 'false alarm')}."
+    good = bool(shares) and not recovery.missed
+    held = f"holds the truth of {min(shares):.0f} to {max(shares):.0f} %" if shares else "is not reported"
+    right = f"Of {draws} robots, each 95 % interval {held}; {counted(alarms, 'false alarm')}."
     wrong = f"Outside the binomial band: {some(recovery.missed)}. " * bool(recovery.missed)
     weak = [f"a change of {row['unknown']}" for row in rates if row["power"] is not None and row["power"] < ENOUGH]
     weak += [name for name, (count, of) in [*recovery.noticed.items()][2:] if count < ENOUGH * of]
