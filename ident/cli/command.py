@@ -183,8 +183,7 @@ ArmOption = Annotated[
     typer.Option("--arm", help="arm description: TOML, URDF or MJCF; default: arm.toml beside the campaign"),
 ]
 PathOption = Annotated[
-    Path | None,
-    typer.Option(help="joint path to follow instead of the stroke: CSV with time [s], joint1 [deg], ..."),
+    Path | None, typer.Option(help="joint path to follow instead of the stroke: CSV with time [s], joint1 [deg], ...")
 ]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
 ForceOption = Annotated[bool, typer.Option("--force", help="keep no earlier result of the same name")]
@@ -368,13 +367,7 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
 
 
 def offer(
-    study: Callable[..., Any],
-    text: str,
-    *,
-    files: bool = True,
-    pages: bool = True,
-    judged: bool = False,
-    **words: Any,
+    study: Callable[..., Any], text: str, *, files: bool = True, pages: bool = True, judged: bool = False, **words: Any
 ) -> None:
     """Register a study as a command: its inputs and options become arguments and flags.
 

@@ -37,10 +37,7 @@ TEXTS = ("arm", "campaign", "path", "channels")
 LONGEST_TEXT = 5_000_000
 """Largest stored text [bytes]; of a longer one only path and hash are stored."""
 
-SHOWING = (
-    *("sections", "_figures", "save_figures"),
-    *("frequency_figure", "path_figure", "animation", "_write"),
-)
+SHOWING = (*("sections", "_figures", "save_figures"), *("frequency_figure", "path_figure", "animation", "_write"))
 """Methods that show stiffnesses in display units."""
 R = TypeVar("R")
 """Return type of such a method."""

@@ -62,9 +62,9 @@ def test_a_posterior_gives_medians_and_bands(drawn, tmp_path):
     result = predict(lcd_arm(), PredictOptions(modes=3), posterior=drawn)
     own = predict(lcd_arm(), PredictOptions(modes=3, set=drawn.medians))
     np.testing.assert_array_equal(result.frequencies[0], own.frequencies[0])
-    low, high = result.frequency_bands[0]
+    low, high = result.predictions[0].frequency_band
     assert np.all((low <= result.frequencies[0]) & (result.frequencies[0] <= high))
-    assert np.isnan(own.frequency_bands[0]).all()
+    assert np.isnan(own.predictions[0].frequency_band).all()
     assert "8 draws of the posterior of 6 numbers" in result.report()
     assert result.sections().answer[-2].head[3] == "5 to 95 %"
     assert_one_screen(result.report())

@@ -116,10 +116,7 @@ class BalanceResult(Result):
 
 @study
 def balance(
-    source: "SourceResult | str | Path",
-    options: BalanceOptions = DEFAULT,
-    *,
-    path: "Log | str | Path | None" = None,
+    source: "SourceResult | str | Path", options: BalanceOptions = DEFAULT, *, path: "Log | str | Path | None" = None
 ) -> BalanceResult:
     """Balance the drives' rotors: masses [kg], angles [rad], and the remaining vibration [m].
 

@@ -88,11 +88,6 @@ class PredictResult(Result):
         return tuple(each.analysis for each in self.predictions)
 
     @property
-    def frequency_bands(self) -> "tuple[np.ndarray, ...]":
-        """5 and 95 % quantiles of the natural frequencies at each posture, (2, modes) [Hz] each; NaN without draws."""
-        return tuple(each.frequency_band for each in self.predictions)
-
-    @property
     def deflection_bands(self) -> "tuple[Mapping[str, np.ndarray], ...]":
         """5 and 95 % quantiles of the deflection at each posture by point name, (2, 3) [m]; NaN without draws."""
         return tuple(each.deflection_band for each in self.predictions)
