@@ -77,7 +77,7 @@ def test_the_verdict_is_that_of_peak_draws_and_fit(options, word, kind):
     verdict = judged(diagnosis(**options))
     assert (verdict.word, verdict.kind) == (word, kind)
     assert ("exceeds" if options.get("excess") != 0.9 else "is within") in verdict.reason
-    assert "probability of keeping it " in verdict.reason
+    assert "it is kept with probability " in verdict.reason
     assert "% (95 % interval)" in verdict.reason
 
 

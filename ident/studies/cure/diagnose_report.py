@@ -119,7 +119,7 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
     vibration = diagnosis.vibration
     peak, limit = float(vibration.peak.max()), vibration.limit
     size = f"{beside(MM * peak, MM * limit)} mm"
-    chance = f"probability of keeping it {chance_words(vibration.keeps)} (95 % interval)"
+    chance = f"it is kept with probability {chance_words(vibration.keeps)} (95 % interval)"
     compared = f"{size} {'is within' if peak <= limit else 'exceeds'} {limit_words(vibration)}"
     end = f"; {gears}." if (gears := gear_words(diagnosis.task.basis)) else "."
     if diagnosis.in_doubt:
