@@ -204,18 +204,18 @@ MAIN: Mapping[str, str] = {
     "triage": "path delay orders upto",
     "source": "init posterior hold_out offset strict",
     "sweep": "vary grid limit speed fit posterior",
-    "motion": "limit settled time speed fit posterior errors",
+    "motion": "limit settled time speed posterior errors",
     "variants": "limit settled speed load",
     "design": "limit change speed fit posterior",
     "balance": "radius holes height most speed path",
     "joint": "ratio inertia alone locked upto strict",
-    "diagnose": "limit settled speed path runs fix restart",
+    "diagnose": "limit settled speed path runs restart",
     "explore": "speed load fit posterior payload",
     "fleet": "workers fix free strict",
     "modal": "init channels no_modes reproducibility",
 }
 """Main flags by command: its help shows these and `ALWAYS`, and `--help-all` the rest."""
-ALWAYS = ("arm", "out", "force", "details", "json", "page", "pdf")
+ALWAYS = ("arm", "out", "details", "json", "page", "pdf")
 WHOLE = "ident.help_all"
 """Key in a command's context for help with all flags."""
 
