@@ -103,8 +103,8 @@ def allowed_errors(arm: Arm) -> tuple[float, float]:
     drawn = np.random.default_rng(0).uniform(0, 2 * np.pi, (len(phases), DRAWS))
 
     def lines(error: float) -> float:
-        factors = np.repeat([1.0, error], half)[:, None] * np.ones(DRAWS)
-        traces = whole.at(drawn, factors)
+        turns = np.repeat([1.0, error], half)[:, None] * np.exp(1j * drawn)
+        traces = np.tensordot(whole.cosine - 1j * whole.sine, turns, ((0,), (0,))).real + whole.sure[..., None]
         return float(np.mean([spectrum_beyond(traces[..., k]) for k in range(DRAWS)], 0).max())
 
     seen = [lines(error) for error in errors[::5]]
