@@ -274,7 +274,7 @@ def command(kind: type[Options], *, files: bool = True, pages: bool = True, judg
         after += [parameter("no_figure", NoFigureOption, False)] if files else []
         after += [parameter("strict", StrictOption, False)] if judged else []
         after += PAGES if pages else ()
-        if files and not any(each.name == "force" for each, _ in options_of):
+        if (files or pages) and not any(each.name == "force" for each, _ in options_of):
             after.append(FORCE)
 
         def call(**values: Any) -> None:
@@ -282,18 +282,16 @@ def command(kind: type[Options], *, files: bool = True, pages: bool = True, judg
             with _in_flags(kind):
                 options, out = _options(kind, values), values["out"]
                 page, pdf = values.get("page", False), values.get("pdf", False)
-                if pdf:
-                    check_pdf()
+                check_pdf(pdf, values.get("font"))
                 if files or page or pdf:
                     running.check_folder(out)
                 if inputs.get("campaign") is None:
                     running.start()
                 failed = False
                 for result in function(**inputs, options=options):
-                    more = [result.save_figures] * (files and not values["no_figure"])
-                    if page or pdf:
-                        more.append(partial(hand_over, result, page=page, pdf=pdf, font=values["font"]))
-                    finish(result, out, more, files=files)
+                    figures = [result.save_figures] * (files and not values["no_figure"])
+                    handed = partial(hand_over, result, page=page, pdf=pdf, font=values.get("font"))
+                    finish(result, out, figures, [handed] * (page or pdf), files=files)
                     failed = result.short or bool(values.get("strict") and result.doubtful)
                 if failed:
                     raise typer.Exit(SHORT)
@@ -401,13 +399,17 @@ Save = Callable[[Path], tuple[Path, ...]]
 """Writes files of a result into a folder, and returns their paths."""
 
 
-def finish(result: Any, out: Path, more: Sequence[Save] = (), *, files: bool = True) -> None:
-    """Print a result's report, and write its files, and more, into a folder."""
+def finish(
+    result: Any, out: Path, more: Sequence[Save] = (), pages: Sequence[Save] = (), *, files: bool = True
+) -> None:
+    """Print a result's report, and write its files, and more, into a folder; then its pages, which may still fail."""
     with kept_in(out):
         tell(result)
         output().document = kept_in(out)(result.document)
-        if files or more:
-            write(result, out, more, files=files)
+        if files:
+            write(result, out, more)
+        if pages:
+            write(result, out, pages, files=False)
 
 
 def write(result: Any, out: Path, more: Sequence[Save] = (), *, files: bool = True) -> None:

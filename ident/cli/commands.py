@@ -367,7 +367,7 @@ def bind(
     running.check_folder(out)
     lines = {"Customer": customer, "Serial number": serial, "Measured with": "", "By": by, "Date, signature": ""}
     page = bound(results, title=title, signed=lines, logo=logo, details=output().details)
-    finish(page, out, [partial(hand_over, page, pdf=pdf, font=font)], files=False)
+    finish(page, out, pages=[partial(hand_over, page, pdf=pdf, font=font)], files=False)
 
 
 # -------- Describing

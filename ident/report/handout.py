@@ -17,7 +17,7 @@ FOLDERS = re.compile(
     r"|(?<![\w/])[^\s/'=:(][^\s'=:(]*/(?=[^\s/'\"]+\.[A-Za-z])"  # of a file with an ending
 )
 """The folders of a path, before the name of its file."""
-OUT = re.compile(r" --out (?:'[^']*'|\S+)")
+OUT = re.compile(r""" --out (?:'[^']*'|"'"|[^\s'"])+""")
 """The folder that a proposed command writes to."""
 INPUTS = ("what", "file", "SHA-256")
 """Head of the table of input files."""

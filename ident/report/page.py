@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from PIL import Image
+from PIL import Image, ImageOps
 
 from ident.errors import refusal
 from ident.files import write_text
@@ -167,12 +167,13 @@ def picture(figure: Figure, alt: str, caption: str) -> Picture:
     return Picture(svg, alt, caption, readable, png=_drawn(figure, "png", ("Software",)))
 
 
-def picture_in(path: Path, alt: str) -> Picture:
+def picture_in(path: Path, alt: str, size: int = 0) -> Picture:
     """Return a PNG or JPEG file as a picture, written again as PNG: nothing of the file but its dots goes on a page.
 
     Args:
         path: the file.
-        alt: description; a title in the file, if it has one, is used instead.
+        alt: description.
+        size: [px] largest width and height; 0 as the file has them, with the title in it, if any, as description.
 
     Raises:
         InputError: there is no such file, or it is no such image.
@@ -182,11 +183,13 @@ def picture_in(path: Path, alt: str) -> Picture:
     try:
         with Image.open(data, formats=("PNG", "JPEG")) as image:
             image.load()
-            title = str(image.info.get("Title") or alt)
-            image.convert("RGBA" if image.mode in ("P", "LA", "RGBA") else "RGB").save(again, "PNG")
+            title = " ".join(str(image.info.get("Title", "")).split())[:200] if not size else ""
+            upright = ImageOps.exif_transpose(image).convert("RGBA")
+            upright.thumbnail((size, size) if size else upright.size)
+            upright.save(again, "PNG", icc_profile=None)
     except Exception:  # Pillow raises anything for a damaged file
         raise refusal(one_line(str(path)), "no readable image", expected, "name another file") from None
-    return Picture("", title, title, png=again.getvalue())
+    return Picture("", title or alt, title or alt, png=again.getvalue())
 
 
 def _svg(figure: Figure) -> str:

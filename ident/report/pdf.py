@@ -48,7 +48,7 @@ def write_pdf(page: Page, path: Path, font: str | Path | None = None) -> None:
     Raises:
         InputError: a letter that no font has, or a file that is no font; the file can't be written.
     """
-    paper = _Paper(cut(page.title, 90), font)
+    paper = Paper(cut(page.title, 90), font)
     paper.draw(page)
     known = f"letters of DejaVu Sans{f' or {one_line(Path(font).name)}' if font else ''}"
     got = ", ".join(f"{letter} (U+{ord(letter):04X})" for letter in [*paper.missing][:3])
@@ -56,7 +56,7 @@ def write_pdf(page: Page, path: Path, font: str | Path | None = None) -> None:
     replace_file(path, lambda file: file.write(paper.output()), make_folders=True)
 
 
-class _Paper(FPDF):
+class Paper(FPDF):
     """A page on paper; `missing` holds the letters that no font has."""
 
     def __init__(self, title: str, font: str | Path | None):
@@ -74,7 +74,8 @@ class _Paper(FPDF):
                 got, expected = "no readable font", "a TrueType font (.ttf)"
                 raise refusal(one_line(str(font)), got, expected, "name another (`font`)") from None
             self.set_fallback_fonts(["other"], exact_match=False)
-        self.letters = {code for key in ("body", "other") for code in getattr(self.fonts.get(key), "cmap", ())}
+        body, bold, other = ({*getattr(self.fonts.get(key), "cmap", ())} for key in ("body", "bodyB", "other"))
+        self.letters = (body & bold) | other
         self.set_title(self.words(title))
         self.set_lang("en")
         self.set_draw_color(RULE)
@@ -137,7 +138,7 @@ class _Paper(FPDF):
             self._table(part) if isinstance(part, Table) else self.text_block(part)
         for picture in section.pictures:
             if picture.png:
-                self._image(picture, self.epw, self.h - 80)
+                self._image(picture, WIDTH - 2 * EDGE, HEIGHT - 80)
                 if picture.caption != picture.alt:  # else it is the title in the figure
                     self.text_block(picture.caption, SMALL, colour=SOFT)
 
@@ -148,7 +149,8 @@ class _Paper(FPDF):
 
     def _image(self, picture: Picture, widest: float, highest: float) -> None:
         with Image.open(BytesIO(picture.png)) as opened:
-            image = opened.convert("RGB")
+            above = opened.convert("RGBA")
+        image = Image.alpha_composite(Image.new("RGBA", above.size, "white"), above).convert("RGB")
         scale = min(widest / image.width, highest / image.height, 25.4 / 150)
         size = scale * image.width, scale * image.height
         for dots, colors in RESOLUTIONS:

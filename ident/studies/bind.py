@@ -6,7 +6,7 @@ from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import every
+from ident.errors import every, require
 from ident.report.report import Report, Table
 from ident.studies import MODULES, STEPS
 from ident.studies.result import Reported
@@ -49,7 +49,7 @@ class Bound(Reported):
 
     def sections(self) -> Report:
         """Return the verdict that counts, and a row for each result."""
-        rows = tuple((_label(each), each.sections().subject, _judged(each.sections())) for each in self.results)
+        rows = tuple((_label(each), _flat(each).subject, _judged(each.sections())) for each in self.results)
         return Report(self.title, self.decisive.sections().verdict, (Table("", ("", "result", "verdict"), rows),))
 
     def document(self) -> dict[str, Any]:
@@ -61,7 +61,7 @@ class Bound(Reported):
         from ident.report.handout import INPUTS, inputs_table, named_only, summary_of
         from ident.report.page import Page, provenance
 
-        parts = {each: named_only(each.sections(), each.record) for each in self.results}
+        parts = {each: named_only(_flat(each), each.record) for each in self.results}
         decisive, _ = parts[self.decisive]
         rest = ((_label(each), report) for each, (report, _) in parts.items() if report is not decisive)
         others = ((label, f"{report.subject}: {_judged(report)}") for label, report in rest)
@@ -83,7 +83,7 @@ class Bound(Reported):
         from ident.report.page import picture_in
 
         stem, since = result.path.stem, result.path.stat().st_mtime - LATER
-        files = [result.path.with_name(f"{stem}.png"), *sorted(result.path.parent.glob(f"{escape(stem)}.*.png"))]
+        files = [result.path.with_name(f"{stem}.png"), *sorted(result.path.parent.glob(f"{escape(stem)}.[!0-9]*.png"))]
         figures = [picture_in(file, file.stem) for file in files if file.is_file() and file.stat().st_mtime > since]
         answer, *details = sections_of(replace(report, next=""), figures)
         words = [_judged(report), *(f"{label}: {text}" for label, text in summary_of(report))]
@@ -93,6 +93,10 @@ class Bound(Reported):
 
 def _label(result: Saved) -> str:
     return LABELS[MODULES[result.study].split(".")[2]]
+
+
+def _flat(result: Saved) -> Report:
+    return replace(result.sections(), subject=" ".join(result.sections().subject.split()))
 
 
 def _judged(report: Report) -> str:
@@ -121,6 +125,7 @@ def bind(
     """
     from ident.report.page import picture_in
 
+    require(results, "results", "none", "at least one saved result", "name their files")
     ordered = sorted(every(load, dict.fromkeys(map(Path, results))), key=lambda each: list(MODULES).index(each.study))
-    mark = picture_in(Path(logo), "Logo") if logo else None
+    mark = picture_in(Path(logo), "Logo", 800) if logo else None
     return Bound(tuple(ordered), title, tuple((signed or {}).items()), mark, details)

@@ -46,24 +46,29 @@ def hand_over(
     """
     from ident.report.page import write_page
 
+    check_pdf(pdf, font)
     made, place = page_of(result), Path(folder) / result.name
     paths = {end: place.with_name(place.name + end) for end in (*[".html"] * page, *[".pdf"] * pdf)}
     with together():
         if page:
             write_page(made, paths[".html"])
         if pdf:
-            check_pdf()
             from ident.report.pdf import write_pdf
 
             write_pdf(made, paths[".pdf"], font)
     return tuple(paths.values())
 
 
-def check_pdf() -> None:
-    """Refuse a PDF if the package for it is not installed.
+def check_pdf(pdf: bool, font: str | Path | None = None) -> None:
+    """Refuse a PDF if the package for it is not installed, and a font that is none, or for no PDF.
 
     Raises:
-        InputError: it is not.
+        InputError: one of these.
     """
-    remedy = "pip install 'ident-arm[pdf]'"
-    require(find_spec("fpdf"), "", "a PDF without the package fpdf2", "the extra pdf of ident", remedy)
+    require(pdf or not font, "font", "a font without a PDF", "one with a PDF", "ask for a PDF, too (`pdf`)")
+    if pdf:
+        installed, remedy = find_spec("fpdf") and find_spec("fpdf.enums"), "pip install 'ident-arm[pdf]'"
+        require(installed, "", "a PDF without the package fpdf2", "the extra pdf of ident", remedy)
+        from ident.report.pdf import Paper
+
+        Paper("", font)

@@ -312,6 +312,7 @@ class Superposition:
         factors = np.ones_like(phases) if factors is None else factors
         turns = np.concatenate([np.cos(phases) * factors, np.sin(phases) * factors])
         bounds = np.abs(self.sure) + np.tensordot(np.abs(factors).max(1), np.hypot(self.cosine, self.sine), 1)
+        bounds = np.nan_to_num(bounds, nan=np.inf)  # first in order, and in the peak
         peaks = np.zeros((3, phases.shape[1]))
         for way in range(3):
             order, parts = np.argsort(-bounds[way]), np.concatenate([self.cosine[:, way], self.sine[:, way]])

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
 import pypdfium2
@@ -10,9 +11,10 @@ from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 from matplotlib.figure import Figure
 from pages import HOSTILE, hostile_page, sample_page
+from PIL import Image
 
 from ident.errors import InputError
-from ident.report.page import Section, picture
+from ident.report.page import Picture, Section, picture
 from ident.report.pdf import write_pdf
 from ident.report.report import Table
 from ident.text import one_line
@@ -79,7 +81,11 @@ def test_no_head_of_a_table_stands_without_a_row(tmp_path, before):
 def test_a_wide_table_is_whole(tmp_path, columns, turned):
     head = ("name", *(f"number {j}" for j in range(1, columns)))
     rows = tuple((f"joint{i}.k_tors", *(f"{i}.{j:03d}" for j in range(1, columns))) for i in range(5))
-    pages = written(of_parts(Table("", head, rows)), tmp_path / "page.pdf")
+    drawn = picture(Figure(figsize=(9, 3)), "A figure", "A figure")
+    pages = written(of_parts(Table("", head, rows), pictures=(drawn,)), tmp_path / "page.pdf")
+    for page in pypdfium2.PdfDocument(tmp_path / "page.pdf"):
+        for image in page.get_objects([pypdfium2.raw.FPDF_PAGEOBJ_IMAGE]):
+            assert image.get_bounds()[2] < page.get_width()
     assert any(size[0] > size[1] for _, size in pages) == turned
     shown = packed("".join(text for text, _ in pages))
     assert all(cell in shown for row in rows for cell in row[1:])
@@ -89,6 +95,15 @@ def test_names_of_300_letters_and_cells_of_many_words_have_room(tmp_path):
     rows = tuple((f"{i}" + "w" * 300, "many words " * 90, "x" * 300, "1.0") for i in range(4))
     pages = written(of_parts(Table("", ("W" * 300, "b", "c", "d"), rows)), tmp_path / "page.pdf")
     assert all(f"{i}www" in packed("".join(text for text, _ in pages)) for i in range(4))
+
+
+def test_a_transparent_ground_is_paper(tmp_path):
+    mark = BytesIO()
+    Image.new("RGBA", (20, 10), (0, 0, 0, 0)).save(mark, "PNG")
+    page = replace(sample_page(), logo=Picture("", "Logo", "Logo", png=mark.getvalue()))
+    written(page, tmp_path / "page.pdf")
+    first = pypdfium2.PdfDocument(tmp_path / "page.pdf")[0].render().to_pil()
+    assert first.crop((48, 48, 58, 53)).convert("L").getextrema() == (255, 255)
 
 
 def test_a_figure_of_noise_is_small_enough(tmp_path):

@@ -4,10 +4,12 @@ import os
 import re
 import shutil
 from importlib import util
+from io import BytesIO
 from pathlib import Path
 
 import pypdfium2
 import pytest
+from arms import DATA
 from PIL import Image
 
 import ident
@@ -113,11 +115,15 @@ def test_figures_of_the_same_call_lie_beside_and_older_ones_stay_out(tmp_path):
 def test_a_logo_is_written_again_without_what_else_its_file_says(tmp_path, ending):
     logo, exif = tmp_path / f"logo.{ending}", Image.Exif()
     exif[0x010E] = "secret words"
-    Image.new("RGB", (40, 20), "red").save(logo, exif=exif)
+    exif[0x0112] = 6  # turned, as a phone says it
+    Image.new("RGB", (4000, 2000), "red").save(logo, exif=exif, icc_profile=b"her monitor")
     assert b"secret words" in logo.read_bytes()
     bound = ident.bind(FILES[:1], logo=logo)
-    assert bound.logo.png.startswith(b"\x89PNG")
+    with Image.open(BytesIO(bound.logo.png), formats=("PNG",)) as image:
+        assert image.size == (400, 800)
+        assert "icc_profile" not in image.info
     assert b"secret" not in bound.logo.png
+    assert bound.logo.alt == "Logo"
     assert 'class="logo"' in render(bound.handout())
 
 
@@ -126,6 +132,11 @@ def test_a_logo_that_is_no_image_is_one_line(tmp_path, content):
     (tmp_path / "logo.png").write_bytes(content)
     with pytest.raises(InputError, match=r"logo.png: got no readable image, expected a PNG or JPEG image; name"):
         ident.bind(FILES[:1], logo=tmp_path / "logo.png")
+
+
+def test_no_result_is_one_line():
+    with pytest.raises(InputError, match="results: got none, expected at least one saved result"):
+        ident.bind([])
 
 
 def test_files_that_are_no_results_have_a_line_each_and_nothing_is_written(run, tmp_path):
@@ -172,3 +183,18 @@ def test_a_page_of_a_command_is_its_report_with_all_details(run, tmp_path):
     assert str(arm.parent) not in html
     assert str(arm.parent) not in text_of_pdf(tmp_path / "to" / "arm.predict.pdf")
     assert run("explore", arm, "--page")[0] == 2, "it is a page"
+
+
+def test_a_page_that_fails_costs_no_result(run, tmp_path):
+    """A letter without a font is found when the page is drawn; a font that is none before anything is computed."""
+    arm = tmp_path / "arm.toml"
+    arm.write_text((DATA / "lcd_arm" / "arm.toml").read_text().replace("LCD transfer arm", "\u4e2d arm"))
+    code, _, err = run("resonance", arm, "--pdf", "--font", arm)
+    assert code == 2
+    assert "arm.toml: got no readable font" in err
+    assert not (tmp_path / "out").exists()
+    code, _, err = run("resonance", arm, "--page", "--font", arm)
+    assert (code, "font: got a font without a PDF" in err) == (2, True)
+    code, _, err = run("resonance", arm, "--pdf")
+    assert (code, "U+4E2D" in err) == (2, True)
+    assert sorted(path.suffix for path in (tmp_path / "out").glob("*.*") if path.name[0] != ".") == [".json", ".png"]

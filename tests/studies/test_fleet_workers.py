@@ -79,7 +79,8 @@ def test_processes_that_cannot_write_are_refused(tmp_path):
 
 def test_a_worker_ends_with_its_command_and_looks_for_no_module_in_the_folder_of_others(robots, tmp_path, monkeypatch):
     """A planted module does not run; without its command a worker has nobody who would ever end it."""
-    (tmp_path / "json.py").write_text("raise SystemExit('planted')")
+    for name in ("pickle", "socket"):
+        (tmp_path / f"{name}.py").write_text("import os\nopen('planted', 'w').close()\nraise SystemExit('planted')")
     monkeypatch.chdir(tmp_path)
     run = Run(robots, tmp_path / "out", "--workers=2")
     run.wait_for(lambda: run.done > 0)
@@ -90,3 +91,4 @@ def test_a_worker_ends_with_its_command_and_looks_for_no_module_in_the_folder_of
     _, alive = psutil.wait_procs(workers, timeout=20)
     assert not alive
     assert "planted" not in (tmp_path / "out.log").read_text()
+    assert not (tmp_path / "planted").exists()

@@ -40,7 +40,7 @@ class Run:
 
     @property
     def workers(self) -> list[psutil.Process]:
-        """Its workers, the oldest first: Dask starts each as a Python process of its own."""
+        """Its workers, the oldest first: each is a Python process of its own."""
         with suppress(psutil.NoSuchProcess):
             children = psutil.Process(self.process.pid).children()
             return sorted(

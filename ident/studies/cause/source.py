@@ -36,9 +36,7 @@ class SourceOptions(RunsOptions):
     calibration: float = option(0.0, "standard error [%] of each sensor's calibration", low=0.0, high=50.0)
     peak: float | None = option(None, "frequency [Hz] of a peak: which cause makes it", above=0.0, high=1e3)
     teeth: dict[str, float] = repeated(
-        {},
-        "teeth of a belt's driving pulley, as belt1=40: its mesh as a cause; may be repeated",
-        read=reading.numbers,
+        {}, "teeth of a belt's driving pulley, as belt1=40: its mesh as a cause; may be repeated", read=reading.numbers
     )
     draws: int = option(400, "draws of what was identified, for --posterior of other commands", low=1, high=10_000)
     seed: int = option(0, "seed of these draws", low=0, high=1e18)

@@ -78,7 +78,7 @@ class VariantsResult(Result):
     @property
     def name(self) -> str:
         """Names of the variants."""
-        return f"{'-'.join(dict.fromkeys(each.name for each in self.variants))}.variants"
+        return f"{'-'.join(dict.fromkeys(each.name for each in self.variants))[:120]}.variants"
 
     def _inputs(self) -> Mapping[str, Any]:
         return {f"arm {i}": each.source for i, each in enumerate(self.variants, 1)}

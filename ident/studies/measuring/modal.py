@@ -264,9 +264,7 @@ def modal_test(
 
 
 def _identified(
-    arm: "Arm",
-    tests: "tuple[tuple[ModalTest | AmbientTest, ...], tuple[FinishedTest, ...]]",
-    options: ModalOptions,
+    arm: "Arm", tests: "tuple[tuple[ModalTest | AmbientTest, ...], tuple[FinishedTest, ...]]", options: ModalOptions
 ) -> "tuple[tuple[IdentifiedModes, ...], tuple[NamedModes, ...]]":
     """Return the modes of each test, and those from files of finished modes, if requested."""
     from ident.identify.unknowns import stiffness_parameters
@@ -279,7 +277,7 @@ def _identified(
     measured, finished = tests
     amplitude = None if options.amplitude is None else options.amplitude / 1e3
     how: dict[str, Any] = {"near": near, "seed": options.seed, "amplitude": amplitude}
-    identified = identify_modes(arm, measured, parameters, **how) if measured else ()
+    identified = identify_modes(arm, measured, parameters, **how) if measured or amplitude else ()
     return identified, name_modes(arm, finished, parameters, seed=options.seed)
 
 

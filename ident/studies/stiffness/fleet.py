@@ -26,7 +26,7 @@ class FleetOptions(FitOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
 
-    workers: int = option(1, "processes that compute robots at the same time", low=1, high=1024)
+    workers: int = option(1, "processes that compute robots at the same time, up to 61", low=1, high=61)
     normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
 
     @property

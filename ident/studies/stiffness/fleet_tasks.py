@@ -170,8 +170,8 @@ def done(tasks: list[Task], workers: int) -> Iterator[tuple[Task, str]]:
             run.mkdir(parents=True)
             yield from _in_processes(pending, workers, run)
         except OSError as error:
-            got, expected = f"{folder}, which cannot be used ({error.strerror})", "a folder to write in"
-            raise refusal("workers", got, expected, "make room there, or name another (--out)") from None
+            got, expected = f"{folder} or processes, which cannot be used ({error.strerror})", "both"
+            raise refusal("workers", got, expected, "make room there, name another (--out), or ask for fewer") from None
         finally:
             shutil.rmtree(run, ignore_errors=True)
             with suppress(OSError):
@@ -196,11 +196,13 @@ def _in_processes(pending: list[Task], workers: int, run: Path) -> Iterator[tupl
         some = [name for name in left if not marks[name]] or [*left][:1]
         if not some:
             return
-        before, others = (len(left), marks), {*active_children()}
-        pool = ProcessPoolExecutor(min(workers, len(some)), get_context("spawn"), _begin, (settings,))
+        before = len(left), marks
+        others = {*active_children()}
+        with _inherited():
+            pool = ProcessPoolExecutor(min(workers, len(some)), get_context("spawn"), _begin, (settings,))
+            running = {pool.submit(_attempt, run, name, left[name]): name for name in some}
+            own = {*active_children()} - others
         try:
-            with _inherited():
-                running = {pool.submit(_attempt, run, left[name]): name for name in some}
             for future in as_completed(running):
                 reason = future.result()
                 yield left.pop(running[future]), reason
@@ -211,12 +213,12 @@ def _in_processes(pending: list[Task], workers: int, run: Path) -> Iterator[tupl
             require(idle < KILLS, "workers", got, "processes on this machine", remedy)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-            for worker in {*active_children()} - others:
+            for worker in own:
                 worker.terminate()
 
 
-def _attempt(run: Path, task: Task) -> str:
-    mark = run / f"{task.file.name}-{uuid4().hex}"
+def _attempt(run: Path, name: str, task: Task) -> str:
+    mark = run / f"{name}-{uuid4().hex}"
     mark.touch()
     reason = task.do()
     mark.unlink()
@@ -227,6 +229,7 @@ def _begin(settings: Mapping[str, Any]) -> None:
     """Give a worker the settings of jax; it ends with the command, however that ends."""
     import jax
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name, value in settings.items():
         jax.config.update(name, value)
     threading.Thread(target=_end_with, args=(parent_process(),), daemon=True).start()

@@ -39,8 +39,8 @@ class ValidateResult(Result):
     """Prediction errors of a fit for parts of the campaign that were left out.
 
     The table has a row for each measurement: value, prediction from the others, standard deviation [SI], and error in
-    standard deviations. The figure shows the error of each part. With `recover` the table has a row for each parameter
-    of each robot, and there is no figure.
+    standard deviations. The figure shows the error of each part. With `recover` the table has a row for each unknown:
+    bias, intervals that hold the truth, power; and there is no figure.
 
     Attributes:
         arm: the arm as in its file.

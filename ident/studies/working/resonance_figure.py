@@ -27,10 +27,7 @@ DASHES = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (8, 3)))
 
 
 def resonance_figure(
-    branches: Branches,
-    excitation: Excitation,
-    crossings: Sequence[ResonanceCrossing] = (),
-    title: str = "",
+    branches: Branches, excitation: Excitation, crossings: Sequence[ResonanceCrossing] = (), title: str = ""
 ) -> Figure:
     """Draw natural frequencies (solid), pulley frequencies (dashed) and where they are near, over time.
 

@@ -43,10 +43,7 @@ class SimulateOptions(HeldMotionOptions):
     rate: float = option(500.0, "samples a second", low=1.0, high=1e6)
     step: float | None = option(None, "longest time step [s] of method fast; default: as the arm needs", above=0.0)
     band: tuple[float, float] = option(
-        (4.0, 8.0),
-        "band LOW:HIGH [Hz] in which the strongest frequency is compared",
-        read=reading.band,
-        text="4:8",
+        (4.0, 8.0), "band LOW:HIGH [Hz] in which the strongest frequency is compared", read=reading.band, text="4:8"
     )
     settled: float = option(0.1, "vibration [mm] below which the end has settled once it stays there", above=0.0)
     at: float | None = option(None, "time [s] from which on a further peak is reported, as 4")
