@@ -170,7 +170,7 @@ def done(tasks: list[Task], workers: int) -> Iterator[tuple[Task, str]]:
             run.mkdir(parents=True)
             yield from _in_processes(pending, workers, run)
         except OSError as error:
-            got, expected = f"{folder} or processes, which cannot be used ({error.strerror})", "both"
+            got, expected = f"{error.strerror} ({folder})", "a folder to write in, and processes"
             raise refusal("workers", got, expected, "make room there, name another (--out), or ask for fewer") from None
         finally:
             shutil.rmtree(run, ignore_errors=True)
