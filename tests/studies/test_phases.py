@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
-from runs import SAMPLES, STEPS, named, off, short, swing, with_error
+from runs import SAMPLES, STEPS, named, off, short, swing, vibration_at, with_error
 
 from ident.arm.arm import Arm
 from ident.arm.chain import no_loads
@@ -172,7 +172,7 @@ def swinging(**options) -> Evaluator:
 
 def test_an_rms_is_in_the_mean_over_the_phases():
     mine = swinging(measure="rms").amplitudes(np.zeros((1, 1)))[:, 0, 0]
-    drawn = whole().at(np.random.default_rng(0).uniform(0.0, 2 * np.pi, (len(ALL), 1000)))
+    drawn = vibration_at(whole(), np.random.default_rng(0).uniform(0.0, 2 * np.pi, (len(ALL), 1000)))
     np.testing.assert_allclose(mine, np.sqrt((drawn**2).mean((1, 2))), rtol=0.02)
 
 

@@ -228,7 +228,7 @@ def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result, monkey
     strongest = basis.draws["drive2.eccentricity"] * float(basis.arm.get("drive2.eccentric_mass"))
     truth = TRUTH["drive2.eccentricity"] * float(read_arm(FILE).arm.get("drive2.eccentric_mass"))
     assert abs(strongest.mean() - truth) < 4 * strongest.std()
-    assert set(ident.load(diagnosed.save(folder / "out")[1]).inputs) >= {"campaign", "runs", "runs's run12.csv"}
+    assert set(ident.load(diagnosed.save(folder / "out")[0]).inputs) >= {"campaign", "runs", "runs's run12.csv"}
     report = diagnosed.report(details=True)
     assert "What excites the arm?" in report
     assert "drive2 imbalance" in report

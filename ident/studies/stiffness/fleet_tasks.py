@@ -164,14 +164,14 @@ def done(tasks: list[Task], workers: int) -> Iterator[tuple[Task, str]]:
     if workers == 1:
         yield from ((task, task.do()) for task in pending)
     elif pending:
-        folder = pending[0].folder
-        run = folder.absolute() / f".attempts-{uuid4().hex}"
+        run = (folder := pending[0].folder).absolute() / f".attempts-{uuid4().hex}"
         try:
             run.mkdir(parents=True)
             yield from _in_processes(pending, workers, run)
         except OSError as error:
-            got, expected = f"{error.strerror} ({folder})", "a folder to write in, and processes"
-            raise refusal("workers", got, expected, "make room there, name another (--out), or ask for fewer") from None
+            got, expected = str(error.strerror), "a folder to write in, and processes"
+            remedy = "make room there, name another (--out), or ask for fewer (`workers`)"
+            raise refusal(one_line(str(folder)), got, expected, remedy) from None
         finally:
             shutil.rmtree(run, ignore_errors=True)
             with suppress(OSError):
