@@ -315,7 +315,7 @@ def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndar
 
 
 def force_window(acts: np.ndarray, begin: int, count: int) -> np.ndarray:
-    """Return a window (T,) [-] that is one while a force acts and for some time about it, and zero where it rests.
+    """Return a window (T,) [-] that is one up to and about each pulse of a force, and zero where it rests longer.
 
     Args:
         acts: (end,) whether the force acts, up to its last sample.

@@ -145,7 +145,8 @@ def test_files_that_are_no_results_have_a_line_each_and_nothing_is_written(run, 
     assert code == 2
     lines = err.strip().splitlines()
     assert len(lines) == 2
-    assert all("words.json" in lines[0] and "none.json" in lines[1] for _ in lines)
+    assert "words.json" in lines[0]
+    assert "none.json" in lines[1]
     assert not (tmp_path / "out").exists()
 
 
