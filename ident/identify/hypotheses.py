@@ -330,7 +330,7 @@ class Perturbed:
         model = replace(own.problem.model, conditions=conditions, frames=None)
         kinds = tuple(m.kind for m in campaign)
         problem = InverseProblem(model, np.ones(count), np.full(count, np.inf), own.problem.parameters, kinds)
-        whole = problem.in_parts()
+        whole = problem.in_parts
         ((predicted, slopes, _),) = looks(whole, [Way(self.theta, own.filled(self.way), whole.first_matching)], 1)
         predicted, slopes = own.calibrated(kinds, self.theta, own.filled(self.way), predicted, slopes)
         slopes = slopes[:, : len(self.covariance)]
@@ -495,7 +495,7 @@ class Hypotheses:
 
     @cached_property
     def _parts(self) -> InParts:
-        return self.problem.in_parts()
+        return self.problem.in_parts
 
     @cached_property
     def _known(self) -> Parameters:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -330,8 +331,9 @@ class InverseProblem(eqx.Module):
         """Return the matching before the first step; None if the model matches nothing."""
         return self.model.first_matching() if isinstance(self.model, Choosing) else None
 
+    @cached_property
     def in_parts(self) -> InParts:
-        """Return the problem in parts of one of a few sizes, repeated values as their mean, possibly reordered.
+        """The problem in parts of one of a few sizes, repeated values as their mean, possibly reordered.
 
         With weights w = 1/sigma^2, the sum of w (predicted - measured)^2 over repeated values is that of their mean,
         W (predicted - mean)^2 with W the sum of w, plus their scatter about it, which no parameter changes. This fails

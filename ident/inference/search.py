@@ -341,7 +341,7 @@ def searched(
 
     Without a held assignment the model chooses; without a row no combination of the unknowns is held.
     """
-    parts = problem.in_parts()
+    parts = problem.in_parts
     row = row or Row(np.zeros(len(start)), NOTHING, np.array(np.inf))
     held = parts.first_matching if held is None else held
     if parts.whole:
@@ -544,7 +544,7 @@ class Searcher:
     """
 
     def __init__(self, problem: InverseProblem, search: Callable[[InverseProblem, Any, End | None], End] = solve):
-        parts = problem.in_parts()
+        parts = problem.in_parts
         self.problem, self.search = problem, search
         self.part = None if parts.whole else parts.problems[0]
         self.ends: list[tuple[End, End]] = []

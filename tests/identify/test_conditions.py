@@ -36,7 +36,7 @@ def shuffled(labels=True):
 @pytest.mark.slow
 def test_a_padded_problem_says_the_same_where_its_own_values_are():
     problem = pose(lcd_arm(), shuffled(), DISCREPANT).problem
-    parts = problem.in_parts()
+    parts = problem.in_parts
     padded, places, scatter = parts.problems[0], parts.parts.places, parts.scatter
     assert scatter == 0
     theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
@@ -63,9 +63,9 @@ def again(campaign, most=70):
 def test_repeated_rows_are_predicted_once_and_fit_as_each_of_them_does():
     once, problem = shuffled(), pose(lcd_arm(), again(shuffled()), DISCREPANT).problem
     assert len(problem.kinds) > 20 * len(once)
-    parts = problem.in_parts()
+    parts = problem.in_parts
     padded, places, scatter = parts.problems[0], parts.parts.places, parts.scatter
-    assert len(padded.kinds) == len(pose(lcd_arm(), once, DISCREPANT).problem.in_parts().problems[0].kinds)
+    assert len(padded.kinds) == len(pose(lcd_arm(), once, DISCREPANT).problem.in_parts.problems[0].kinds)
     theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
     own, more = predicted(problem, theta), predicted(padded, theta)
     np.testing.assert_allclose(more[places], own, rtol=1e-12)
@@ -77,7 +77,7 @@ def test_repeated_rows_are_predicted_once_and_fit_as_each_of_them_does():
 @pytest.mark.slow
 def test_repeated_rows_have_the_label_cost_of_their_value():
     problem = pose(lcd_arm(), again(read_campaign(DATA / "lcd_arm" / "campaign.csv"))).problem
-    parts = problem.in_parts()
+    parts = problem.in_parts
     theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
     cost = evaluate(problem, theta).choice.cost
     expected = np.asarray(evaluate(parts.problems[0], theta).choice.cost)
@@ -115,7 +115,7 @@ def test_a_campaign_that_is_too_large_is_refused_by_its_size_and_many_repeats_ar
 
 def program(rows):
     """What tells one program from another: static parts, shapes and types."""
-    padded = pose(lcd_arm(), Campaign(measurements=rows)).problem.in_parts().problems[0]
+    padded = pose(lcd_arm(), Campaign(measurements=rows)).problem.in_parts.problems[0]
     leaves, structure = jax.tree.flatten((padded, padded.first_matching()))
     return structure, [(np.shape(x), np.asarray(x).dtype) for x in leaves]
 

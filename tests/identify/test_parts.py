@@ -57,7 +57,7 @@ def unseen(problem):
 
 def test_parts_predict_what_the_whole_does(campaign):
     problem = pose(lcd_arm(), campaign, Unknowns(discrepancy={"deflection": 0.1})).problem
-    large, start = problem.in_parts(), problem.parameters.theta(problem.parameters.column("start"))
+    large, start = problem.in_parts, problem.parameters.theta(problem.parameters.column("start"))
     assert len(large.problems) > 3
     assert len({jax.tree.structure(each) for each in large.problems}) == 1, "one program serves all"
     predicted, jacobian = whole(unseen(problem), jnp.asarray(start))
@@ -68,7 +68,7 @@ def test_parts_predict_what_the_whole_does(campaign):
 
 def test_the_first_part_has_some_of_all_that_was_measured(campaign):
     problem = pose(lcd_arm(), campaign).problem
-    first = problem.in_parts().problems[0]
+    first = problem.in_parts.problems[0]
     counts = dict(zip(*np.unique(np.array(first.kinds)[np.isfinite(first.sigma)], return_counts=True), strict=True))
     for kind in set(problem.kinds):
         assert counts[kind] >= min(SEVERAL, problem.kinds.count(kind)), kind
@@ -81,7 +81,7 @@ def test_the_fit_of_many_postures_is_that_of_all_rows(monkeypatch):
     measured = large.campaign(lcd_arm(), 128, 128)
     found = fit_campaign(lcd_arm().replace({"joint1.k_tors": 3e5, "joint2.k_bend": 4e5}), measured, starts=1)
     problem = found.problem
-    assert len(problem.in_parts().problems) == 4
+    assert len(problem.in_parts.problems) == 4
 
     def weighed(theta):
         here = look(problem, theta, found.choice.held)

@@ -17,14 +17,14 @@ def recovery_sections(recovery: "Recovery") -> Report:
     """Return the report: RECOVERED if intervals hold the truth as often as they say, and false alarms are rare."""
     from scipy.stats import binom
 
-    from ident.identify.recovery import CHANGE, CHANGED, LEVEL, RIGHT
+    from ident.identify.recovery import CHANGE, CHANGED, RIGHT
 
     fit, rates, (alarms, draws), rows, faults = recovery.fit, recovery.rates, recovery.noticed[RIGHT], [], []
     for item, row in zip(fit.problem.parameters.items, rates, strict=True):
         sizes = (row["bias"], "+"), (HALF_WIDTH * row["standard_error"], "")
         bias = " ± ".join(percent(x, s) if item.positive else size_in_words(item, x, s) for x, s in sizes)
         held, of = row["held"], row["intervals"]
-        band = "{:.0f} to {:.0f}".format(*binom.interval(0.95, of, LEVEL)) if of else "-"
+        band = "{:.0f} to {:.0f}".format(*binom.interval(0.95, of, row["level"])) if of else "-"
         rows.append((item.name, bias, f"{held} of {of}", band, row["power"]))
     for name, (count, of) in recovery.noticed.items():
         band = "{:.0f} to {:.0f} %".format(*(100 * end for end in BinomialEstimate(count, of).interval)) if of else "-"
@@ -39,8 +39,9 @@ def recovery_sections(recovery: "Recovery") -> Report:
     weak += [name for name, (count, of) in [*recovery.noticed.items()][2:] if count < ENOUGH * of]
     following = "ident profile" if recovery.missed else "ident plan" if weak else "ident sample"
     heads = "Unknown", "bias, 95 %", "intervals with the truth", "expected", f"{100 * CHANGE:g} % more is noticed|.0%"
+    arm, campaign = cut(fit.arm.name, 30), cut(fit.campaign.name, 30)
     return Report(
-        f"Recovery of {draws} robots drawn from the prior of {cut(fit.arm.name, 30)} by {cut(fit.campaign.name, 30)}",
+        f"Recovery of {draws} robots drawn from the {recovery.truths} of {arm} by {campaign}",
         Verdict("RECOVERED" if good else "NOT RECOVERED", wrong + right, "good" if good else "bad"),
         (by_head(heads, rows), by_head(("What is wrong", "noticed", "95 % band of the rate"), faults)),
         (Finding(f"Often unnoticed: {some(weak)}", "see `ident plan`"),) if weak else (),

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ident.errors import require
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, alias, silent
@@ -29,10 +30,11 @@ class ValidateOptions(FitOptions):
         "what is left out at a time, and predicted by the rest: posture, kind, row or fraction (a fifth at random)",
         choices=("posture", "kind", "row", "fraction"),
     )
-    recover: bool = option(
-        False, "instead, make this campaign of known robots drawn from the prior, and compare the fits with the truth"
-    )
+    recover: bool = option(False, "instead, make this campaign of known robots, and compare the fits with the truth")
     draws: int = option(100, "known robots of --recover", low=10, high=10_000)
+    truths: str = option(
+        "prior", "what they are drawn from: prior, or posterior, about the fit", choices=("prior", "posterior")
+    )
 
 
 class ValidateResult(Result):
@@ -99,14 +101,19 @@ def validate(
         progress: shows progress over the starts of the fit and then over the parts, or the made campaigns.
 
     Raises:
-        InputError: see `fit`, and a campaign of fewer than two parts.
+        InputError: see `fit`, a campaign of fewer than two parts, and options of the other of the two.
         ModelError: no optimum was reached.
     """
     from ident.identify.recovery import recover
     from ident.identify.validate import validate_fit
 
+    usual, remedy = ValidateOptions(), "leave it out" if options.recover else "add `recover`, or leave it out"
+    for name in ("leave",) if options.recover else ("draws", "truths"):
+        same = getattr(options, name) == getattr(usual, name)
+        require(same, name, f"it {'with' if options.recover else 'without'} `recover`", "nothing", remedy)
     fit = fit_study(arm, campaign, options, progress=progress).fit
     if options.recover:
-        known = recover(fit, options.unknowns_of(arm), options.draws, options.seed, progress("made campaigns"))
+        how = options.draws, options.seed, options.truths, progress("known robots")
+        known = recover(fit, options.unknowns_of(arm), *how)
         return ValidateResult(arm, known, options)
     return ValidateResult(arm, validate_fit(fit, options.leave, options.seed, progress("parts")), options)
