@@ -223,6 +223,12 @@ Redraw = Callable[[Sequence[Robot], Under], Sequence[Draws | None]]
 """Draws robots under a population."""
 
 
+def check_names(names: Sequence[str]) -> None:
+    """Refuse robots of one name."""
+    if twice := [name for name, times in Counter(names).items() if times > 1]:
+        raise refusal(twice[0], "two robots of this name", "a name for each", "rename a file or a folder")
+
+
 def fleet(robots: Iterable[Robot], *, seed: int = 0, redraw: Redraw | None = None) -> Fleet:
     """Infer the population of the stiffnesses of robots of one design.
 
@@ -237,8 +243,7 @@ def fleet(robots: Iterable[Robot], *, seed: int = 0, redraw: Redraw | None = Non
         InputError: robots of one name.
     """
     robots = tuple(sorted(robots, key=lambda robot: robot.name))
-    if twice := [name for name, times in Counter(robot.name for robot in robots).items() if times > 1]:
-        raise refusal(twice[0], "two robots of this name", "a name for each", "rename a file or a folder")
+    check_names([robot.name for robot in robots])
     most = Counter(robot.names for robot in robots if not robot.failed).most_common(1)
     names = most[0][0] if most else ()
     robots = tuple(_of_the_fleet(robot, names) for robot in robots)

@@ -1,5 +1,7 @@
 """A report as a PDF in A4, by fpdf2, with embedded fonts; no text is read as markup."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -53,7 +55,21 @@ def write_pdf(page: Page, path: Path, font: str | Path | None = None) -> None:
     known = f"letters of DejaVu Sans{f' or {one_line(Path(font).name)}' if font else ''}"
     got = ", ".join(f"{letter} (U+{ord(letter):04X})" for letter in [*paper.missing][:3])
     require(not got, one_line(path.name), got, known, "give a TrueType font that has it (`font`)")
-    replace_file(path, lambda file: file.write(paper.output()), make_folders=True)
+    with _readable(font):
+        data = paper.output()
+    replace_file(path, lambda file: file.write(data), make_folders=True)
+
+
+@contextmanager
+def _readable(font: str | Path | None) -> Iterator[None]:
+    """Refuse a user's own font if it fails: fontTools raises anything for a damaged file."""
+    try:
+        yield
+    except Exception:
+        if font is None:
+            raise
+        got, expected = "no readable font", "a TrueType font (.ttf)"
+        raise refusal(one_line(str(font)), got, expected, "name another (`font`)") from None
 
 
 class Paper(FPDF):
@@ -68,11 +84,8 @@ class Paper(FPDF):
         self.add_font("body", "", files / "DejaVuSans.ttf")
         self.add_font("body", "B", files / "DejaVuSans-Bold.ttf")
         if font is not None:
-            try:
+            with _readable(font):
                 self.add_font("other", "", font)
-            except Exception:  # fontTools raises anything for a damaged file
-                got, expected = "no readable font", "a TrueType font (.ttf)"
-                raise refusal(one_line(str(font)), got, expected, "name another (`font`)") from None
             self.set_fallback_fonts(["other"], exact_match=False)
         body, bold, other = ({*getattr(self.fonts.get(key), "cmap", ())} for key in ("body", "bodyB", "other"))
         self.letters = (body & bold) | other

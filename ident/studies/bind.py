@@ -10,7 +10,7 @@ from ident.errors import every, require
 from ident.report.report import Report, Table
 from ident.studies import MODULES, STEPS
 from ident.studies.result import Reported
-from ident.studies.saved import Saved, load
+from ident.studies.saved import Saved, load, reading
 
 if TYPE_CHECKING:
     from ident.report.page import Page, Picture, Section
@@ -123,9 +123,12 @@ def bind(
     Raises:
         InputError: files that are no results, or no image.
     """
-    from ident.report.page import picture_in
+    from ident.report.page import picture_in, provenance
 
     require(results, "results", "none", "at least one saved result", "name their files")
     ordered = sorted(every(load, dict.fromkeys(map(Path, results))), key=lambda each: list(MODULES).index(each.study))
+    for each in ordered:
+        with reading(each):
+            provenance(each.record)
     mark = picture_in(Path(logo), "Logo", 800) if logo else None
     return Bound(tuple(ordered), title, tuple((signed or {}).items()), mark, details)

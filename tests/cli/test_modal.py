@@ -105,6 +105,12 @@ def test_an_amplitude_without_taps_is_refused(run, folder):
     code, out, err = run("modal", folder, "--amplitude=0.5")
     assert (code, out) == (2, "")
     assert "amplitude: got no posture with taps, expected free decays after taps; leave it out: taps are" in err
+    code, out, err = run("modal", folder, "--amplitude=0.5", "--no-modes")
+    assert (code, out, err.splitlines()[-1]) == (
+        2,
+        "",
+        "ident: --amplitude: got it with --no-modes, expected nothing; leave one of them out",
+    )
 
 
 def test_bad_files_are_refused_all_at_once(run, folder):

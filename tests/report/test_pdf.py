@@ -9,6 +9,7 @@ import pypdfium2
 import pytest
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
+from fontTools.ttLib import TTFont
 from matplotlib.figure import Figure
 from pages import HOSTILE, hostile_page, sample_page
 from PIL import Image
@@ -153,4 +154,17 @@ def test_a_file_that_is_no_font_is_one_line(tmp_path, content):
         write_pdf(sample_page(), tmp_path / "page.pdf", tmp_path / "bad.ttf")
     with pytest.raises(InputError, match=r"none.ttf: got no readable font"):
         write_pdf(sample_page(), tmp_path / "page.pdf", tmp_path / "none.ttf")
+    assert not (tmp_path / "page.pdf").exists()
+
+
+def test_a_font_whose_letters_are_damaged_is_one_line(tmp_path):
+    """Its tables are read, and the letter is one of them; drawing it fails."""
+    font = font_of("中", tmp_path / "bad.ttf")
+    data = bytearray(font.read_bytes())
+    with TTFont(font) as whole:
+        start, length = whole.reader.tables["glyf"].offset, whole.reader.tables["glyf"].length
+    data[start : start + length] = b"\xee" * length
+    font.write_bytes(data)
+    with pytest.raises(InputError, match=r"bad.ttf: got no readable font"):
+        write_pdf(of_parts("中"), tmp_path / "page.pdf", font)
     assert not (tmp_path / "page.pdf").exists()

@@ -1,5 +1,6 @@
 """Saved results as one page: the order of the way, what counts on the first page, no folder of anybody's computer."""
 
+import json
 import os
 import re
 import shutil
@@ -199,3 +200,12 @@ def test_a_page_that_fails_costs_no_result(run, tmp_path):
     code, _, err = run("resonance", arm, "--pdf")
     assert (code, "U+4E2D" in err) == (2, True)
     assert sorted(path.suffix for path in (tmp_path / "out").glob("*.*") if path.name[0] != ".") == [".json", ".png"]
+
+
+@pytest.mark.parametrize("missing", ["created", "options", "software", "report", "inputs"])
+def test_a_file_that_lacks_a_part_is_one_line(tmp_path, missing):
+    record = json.loads(FILES[2].read_text())
+    del record[missing]
+    (tmp_path / "campaign.fit.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match=r"campaign.fit.json: got other contents, expected a result of ident fit"):
+        ident.bind([tmp_path / "campaign.fit.json"])

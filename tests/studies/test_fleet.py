@@ -268,6 +268,13 @@ def test_the_command(run, robots, kept, tmp_path):
     assert code == 0, err
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_two_robots_of_one_name_are_refused_before_any_is_read(workers):
+    file = ("one", Path("one.csv"), Path("arm.toml"))
+    with pytest.raises(InputError, match=r"^one: got two robots of this name"):
+        fleet([file, file], options=FleetOptions(workers=workers))
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

@@ -6,7 +6,7 @@ from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
@@ -271,6 +271,7 @@ def _identified(
     from ident.studies.measuring.modal_campaign import identify_modes, name_modes
 
     if options.no_modes:
+        require(options.amplitude is None, "amplitude", "it with `no_modes`", "nothing", "leave one of them out")
         return (), ()
     near = {int(number): frequencies for number, frequencies in options.modes.items()}
     parameters = stiffness_parameters(arm, options.unknowns)

@@ -141,12 +141,14 @@ def fleet(
     Raises:
         InputError: no robots, or two of one name. A wrong file of one robot does not stop the others.
     """
+    from ident.identify.fleet import check_names
     from ident.identify.fleet import fleet as infer
     from ident.studies.stiffness.fleet_tasks import Task, drawn, outcomes
 
     files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
     if isinstance(robots, str | Path):
         label = label or Path(robots).absolute().name
+    check_names([name for name, *_ in files])
     with TemporaryDirectory() as passing:
         tasks = [Task(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
