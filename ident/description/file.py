@@ -157,14 +157,14 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
     if text.lstrip().startswith("<"):  # XML, and so no TOML
         return robot_arm(path, digest)
     document = parse_document(text, where)
-    parts = document.arm(), str(path), digest, document.origins(), document.extents()
+    parts = document.arm, str(path), digest, document.origins(), document.extents()
     knobs: Any = {knob.scales: knob for knob in document.controller.knob} if document.controller else {}
     return ArmFile(*parts, uncertain_numbers(document), lines=lines_of(text), knobs=knobs)
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:
     """Return the arm of a TOML text; `where` names the text in errors."""
-    return parse_document(text, where).arm()
+    return parse_document(text, where).arm
 
 
 def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
@@ -180,7 +180,7 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
             problems.append(source.problem(("joint", place), got, expected, remedy))
         try:
             if not problems:
-                document.arm()  # whether the parts go together
+                _ = document.arm  # whether the parts go together
         except InputError as error:
             places = {name: loc for loc, name, _ in named(source.raw)}
             for p in error.problems:

@@ -1,6 +1,7 @@
 """Schema of `arm.toml`: its tables and quantities, and the arm that they describe."""
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -671,8 +672,9 @@ class ArmDocument(Damped):
     controller: ControllerTable | None = None
     workspace: WorkspaceTable = Field(default_factory=WorkspaceTable)
 
+    @cached_property
     def arm(self) -> Arm:
-        """Return the arm as a value, in SI units."""
+        """The arm as a value, in SI units."""
         joints, payloads = (each.joint() for each in self.joint), (Payload(p.joint, p.body()) for p in self.payload)
         parts: Any = ((Point, self.point), (Belt, self.belt), (Servo, self.servo), (Spring, self.spring))
         points, belts, servos, springs = (tuple(each.part(kind) for each in tables) for kind, tables in parts)
@@ -698,7 +700,7 @@ class ArmDocument(Damped):
             source = tables[name][field]
             return source["origin"] if source else "derived" if "shape" in tables[name] else "assumed"
 
-        return {path: origin(path) for path in self.arm().paths()}
+        return {path: origin(path) for path in self.arm.paths()}
 
 
 SINGLE = ("stroke", "damping")

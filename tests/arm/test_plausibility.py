@@ -55,7 +55,7 @@ NAMED = {
 
 def found(text):
     document = parse_document(text)
-    return oddities(document.arm(), document.extents())
+    return oddities(document.arm, document.extents())
 
 
 def test_the_shipped_arm_is_sound():

@@ -29,7 +29,7 @@ cubic = { value = 1e7, unit = "N*m/rad^3", origin = "measured" }
 
 def test_springs_are_read_with_their_origins():
     document = parse_document(SHIPPED + SPRING + CUBIC)
-    arm, origins = document.arm(), document.origins()
+    arm, origins = document.arm, document.origins()
     broken, cubic = arm.springs
     assert isinstance(broken, Spring)
     assert isinstance(cubic, CubicSpring)

@@ -72,7 +72,7 @@ MOTION = along(Polynomial([0.0, 0.0, 0.3, -0.1]), 1.5, direction=(1.0, -1.5), st
 
 def test_an_arm_file_has_them_and_keeps_them() -> None:
     document = parse_document(with_errors(ONE, FOUR))
-    arm, origins = document.arm(), document.origins()
+    arm, origins = document.arm, document.origins()
     one, four = arm.drives[0].errors
     assert (one.name, one.order, four.name, four.order) == ("drive1_order1", 1, "drive1_order4", 4)
     paths = [f"drive1_order{end}" for end in ("1.amplitude", "1.phase", "4.amplitude", "4.phase")]
