@@ -120,10 +120,11 @@ def _motion(arm: "Arm", options: MovingOptions, log: "Log | None") -> "tuple[Mot
     import numpy as np
 
     from ident.vibrate.motion import beyond_limits, stroke
-    from ident.vibrate.replay import replay
 
     percent = options.speed if options.speed is not None else 10.0 if log is None else 100.0
     if log is not None:
+        from ident.vibrate.replay import replay  # SciPy's splines take half a second to import, a stroke has none
+
         angles = np.stack(list(log.angles.values()))
         motion = replay(log.time, angles, smoothing=radians(options.smoothing), name=Path(log.path).name, arm=arm)
         motion = motion if options.speed is None else motion.at_speed(percent)
