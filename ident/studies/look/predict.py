@@ -57,8 +57,8 @@ class PredictResult(Result):
 
     Attributes:
         arm: the arm as in its file.
-        predictions: modes, static deflection and compliance (`tool`) at each posture, in the order of the options, with
-            those by draws.
+        predictions: modes, static deflection, and with `tool` compliance and frequency response, at each posture, in
+            the order of the options, with those by draws.
         options: the options of the call.
         fit: fitted values of the arm.
         posterior: draws of the arm's numbers.
