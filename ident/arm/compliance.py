@@ -20,8 +20,8 @@ from jaxtyping import Array, Float
 
 from ident.arm.chain import Chain
 from ident.arm.linalg import inverse_cholesky_factor
-from ident.arm.mechanics import Phi, Vector, motion_of, point_positions, point_rotations, system
-from ident.arm.rotations import axial, identity, matmul, transpose
+from ident.arm.mechanics import Matrix, Phi, Vector, motion_of, point_positions, point_rotations, system
+from ident.arm.rotations import axial, matmul, transpose
 
 
 def point_compliance(chain: Chain, phi: Phi) -> Float[Array, "6 6 P *#batch"]:
@@ -37,11 +37,13 @@ def point_compliance(chain: Chain, phi: Phi) -> Float[Array, "6 6 P *#batch"]:
         (6, 6, P, *batch), displacement along and rotation about x, y and z by force along and moment about them
         [m/N, m/(N m); rad/N, rad/(N m)]: symmetric, and not negative. NaN where the equilibrium is not stable.
     """
-    W = inverse_cholesky_factor(system(chain, phi)[2])
-    each = jnp.broadcast_to(identity(W.shape[0], W.ndim - 2), W.shape)
-    J = jax.vmap(lambda v: _twist(chain, phi, v), 1)(each)
-    WJ = matmul(W[:, :, None], J)
+    WJ = point_twists(chain, phi, inverse_cholesky_factor(system(chain, phi)[2]))
     return matmul(transpose(WJ), WJ)
+
+
+def point_twists(chain: Chain, phi: Phi, W: Matrix) -> Float[Array, "n 6 P *#batch"]:
+    """Return W J': displacement [m] and rotation [rad] of each named point along each row of W, of all coordinates."""
+    return jax.vmap(lambda v: _twist(chain, phi, v))(W)
 
 
 def _twist(chain: Chain, phi: Phi, v: Vector) -> Float[Array, "6 P *#batch"]:

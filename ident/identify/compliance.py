@@ -1,7 +1,8 @@
-"""Static compliance of a loaded arm at one of its points, with its interval from draws."""
+"""Static compliance and frequency response of a loaded arm at one of its points, with intervals from draws."""
 
+import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,19 +12,23 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture, carriers, link_axes
-from ident.arm.compliance import point_compliance
-from ident.arm.mechanics import point_positions, point_rotations, static_equilibrium
-from ident.arm.rotations import matmul
+from ident.arm.compliance import point_twists
+from ident.arm.linalg import inverse_cholesky_factor
+from ident.arm.mechanics import point_positions, point_rotations
+from ident.arm.modes import linearize
+from ident.arm.rotations import matmul, transpose
+from ident.arm.structural import structural_damping
 from ident.errors import require
 from ident.identify.binding import bind_loads, in_base_axes
 from ident.identify.modal_analysis import ModalAnalysis, Servo, servo_of
+from ident.identify.receptance import PointSystem, Receptance, quantiles, receptance
 from ident.programs import in_batches, jit
 from ident.text import did_you_mean, quoted
 
 TOGETHER = 64
 """Draws solved at a time: always the same number, for one compiled program."""
-LEVELS = (0.05, 0.95)
-"""Quantiles of a band."""
+BEYOND = 1.3
+"""Highest frequency of a response, by that of the highest mode."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,8 @@ class ToolCompliance:
         place: (3,) [m] of the point under the load, in the base frame.
         axes: (3, 3) directions of the frame, columns, in the base frame.
         draws: (6, 6, D) the same of the draws that have a stable equilibrium; None without draws.
+        arms: the equations of the arm and of each of these draws.
+        top: highest frequency of the response [Hz].
     """
 
     point: str
@@ -46,19 +53,26 @@ class ToolCompliance:
     place: Float[np.ndarray, "3"]
     axes: Float[np.ndarray, "3 3"]
     draws: Float[np.ndarray, "6 6 D"] | None = None
+    arms: tuple[PointSystem, ...] = ()
+    top: float = 0.0
+
+    @cached_property
+    def response(self) -> Receptance | None:
+        """Response to a harmonic force; None without damping."""
+        return receptance(self.arms[0], self.arms[1:], self.top) if np.any(self.arms[0].C) else None
 
     @cached_property
     def band(self) -> Float[np.ndarray, "2 6 6"]:
         """5 and 95 % quantiles of each number; NaN without draws."""
-        return np.full((2, 6, 6), np.nan) if self.draws is None else np.quantile(self.draws, LEVELS, axis=-1)
+        return quantiles(self.draws, (6, 6))
 
     @cached_property
     def largest(self) -> tuple[float, Float[np.ndarray, "3"], Float[np.ndarray, "2"]]:
         """Largest displacement by force [m/N], its direction in the frame, and 5 and 95 % quantiles along it."""
         values, directions = np.linalg.eigh(self.matrix[:3, :3])
         way = directions[:, -1] * np.sign(directions[np.abs(directions[:, -1]).argmax(), -1])
-        drawn = np.full(2, np.nan) if self.draws is None else np.einsum("i,ijd,j", way, self.draws[:3, :3], way)
-        return float(values[-1]), way, np.quantile(drawn, LEVELS)
+        drawn = None if self.draws is None else np.einsum("i,ijd,j", way, self.draws[:3, :3], way)
+        return float(values[-1]), way, quantiles(drawn, ())
 
 
 def tool_compliance(
@@ -67,7 +81,9 @@ def tool_compliance(
     frame: str = "base",
     draws: Mapping[str, Float[np.ndarray, "D"]] | None = None,
 ) -> ToolCompliance:
-    """Return the static compliance of an arm at a point, tangent about its loaded equilibrium.
+    """Return the static compliance and the frequency response of an arm at a point, about its loaded equilibrium.
+
+    The response reaches to the highest of the modes of the analysis, and `BEYOND`.
 
     Args:
         analysis: of the arm at its posture and load.
@@ -84,27 +100,32 @@ def tool_compliance(
     require(name in names, "point", quoted(name), f"one of {', '.join(names)}", remedy)
     loads, held = bind_loads(arm, [in_base_axes(arm, posture, analysis.load)]), jax.device_put(np.array([posture]).T)
 
-    def solved(numbers: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        each = _solve(arm.replace(numbers), held, loads, servo_of(analysis.drives))
-        matrix, place, axes = (np.asarray(x)[..., names.index(name), :] for x in each)
+    def solved(numbers: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray, PointSystem]:
+        system, *each = _solve(arm.replace(numbers), held, loads, servo_of(analysis.drives))
+        place, axes, J = (np.asarray(x)[..., names.index(name), :] for x in (*each, system.J))
         axes = axes if frame == "tool" else 0 * axes + np.eye(3)[:, :, None]
-        blocks = matrix.reshape((2, 3, 2, 3, -1))
-        return np.einsum("aid,sacbd,bjd->sicjd", axes, blocks, axes).reshape(matrix.shape), place, axes
+        turned = np.einsum("nsad,aid->nsid", J.reshape((-1, 2, 3, J.shape[-1])), axes)
+        return place, axes, system._replace(J=turned.reshape(J.shape))
 
-    matrix, place, axes = (x[..., 0] for x in solved({}))
-    own = ToolCompliance(name, frame, matrix, place, axes)
-    if not draws:
-        return own
-    every = in_batches(solved, dict(draws), TOGETHER)[0]
-    return replace(own, draws=every[..., np.isfinite(every).all((0, 1))])
+    columns = {path: np.append(arm.get(path), own) for path, own in (draws or {}).items()}
+    place, axes, systems = in_batches(solved, columns, TOGETHER) if draws else solved({})
+    matrix = np.einsum("nid,njd->ijd", systems.J, systems.J)
+    stands = np.isfinite(matrix).all((0, 1))
+    every = itertools.compress(zip(*(np.moveaxis(np.asarray(x), -1, 0) for x in systems), strict=True), stands)
+    arms, top = tuple(PointSystem(*one) for one in every), BEYOND * float(analysis.modes.frequency[-1])
+    drawn = matrix[..., 1:][..., stands[1:]] if draws else None
+    return ToolCompliance(name, frame, matrix[..., 0], place[..., 0], axes[..., 0], drawn, arms, top)
 
 
 @jit
 def _solve(
     arm: Arm, posture: Float[Array, "driven 1"], loads: Loads, servo: Servo
-) -> tuple[Float[Array, "6 6 P B"], Float[Array, "3 P B"], Float[Array, "3 3 P B"]]:
-    """Return compliance, place and axes of each point in the base frame."""
+) -> tuple[PointSystem, Float[Array, "3 P B"], Float[Array, "3 3 P B"]]:
+    """Return the equations, J (n, 6, P, B) along the base's axes, and place and axes of each point."""
     chain = at_posture(arm, posture, loads, servo)
-    phi = static_equilibrium(chain).phi
-    axes = link_axes(arm, posture)[:, :, np.array(carriers(arm), int)]
-    return point_compliance(chain, phi), point_positions(chain, phi), matmul(point_rotations(chain, phi), axes)
+    phi, M, C, H, L = linearize(chain)
+    C = C if L is None else C + structural_damping(M, H, L)
+    W = inverse_cholesky_factor(H)
+    M, C = (matmul(matmul(W, X), transpose(W)) for X in (M, C))
+    axes = matmul(point_rotations(chain, phi), link_axes(arm, posture)[:, :, np.array(carriers(arm), int)])
+    return PointSystem(M, C, point_twists(chain, phi, W)), point_positions(chain, phi), axes

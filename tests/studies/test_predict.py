@@ -89,8 +89,29 @@ def test_a_compliance_has_its_screen_bands_table_file_and_picture(drawn, tmp_pat
     assert lateral["compliance_q05"] < lateral["compliance"] < lateral["compliance_q95"]
     assert (lateral["unit"], lateral["frame"], lateral["point"]) == ("m/(N m)", "tool", "tip")
     assert_comes_back(result, tmp_path)
-    title = result.figures()["predict"].get_suptitle()
-    assert f"{1e6 * tool.largest[0]:.4g} um/N" in title
+    figure = result.figures()["predict"]
+    assert f"{1e6 * tool.largest[0]:.4g} um/N" in figure.get_suptitle()
+    curves = figure.axes[2]
+    np.testing.assert_allclose(curves.lines[2].get_ydata(), 1e6 * tool.response.size[2])
+    assert len(curves.collections) == 3
+
+
+def test_the_peaks_of_a_compliance_are_on_its_screen_and_in_its_summary(drawn):
+    """Of each posture in the details where there are several."""
+    result = predict(lcd_arm(), PredictOptions(tool=True), posterior=drawn)
+    (tool,), (peaks,) = (each.tool for each in result.predictions), result.summary["peaks"]
+    lateral = result.sections().answer[-1].rows[1]
+    assert lateral[0] == "y"
+    assert lateral[1] == peaks["frequency"][1]
+    assert lateral[3] == 1e6 * peaks["size"][1]
+    assert lateral[5] == peaks["size"][1] / tool.matrix[1, 1]
+    for name in ("frequency", "size"):
+        low, high = peaks[f"{name}_band"]
+        assert np.all((low < peaks[name]) & (peaks[name] < high))
+    assert predict(lcd_arm()).summary["peaks"] == ()
+    several = predict(lcd_arm(), PredictOptions(posture=((0.0, 0, 0), (30, -60, 30)), tool=True))
+    assert "Peaks at (30, -60, 30) deg" in several.report(details=True)
+    assert "peak at [Hz]" not in several.report()
 
 
 def test_a_compliance_at_many_postures_has_a_row_for_each():

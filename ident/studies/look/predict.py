@@ -32,7 +32,7 @@ class PredictOptions(ArmOptions):
     )
     modes: int = option(6, "number of modes", low=1, high=1000)
     drives: str = option("brake", "what holds the motors: brake, or servo of the arm file", choices=("brake", "servo"))
-    tool: bool = option(False, "the static compliance at a point: motion and turn per force and moment, under the load")
+    tool: bool = option(False, "compliance at a point: motion and turn per force and moment, static and by frequency")
     frame: str = option("base", "axes of the compliance: base, or tool, the point's link", choices=("base", "tool"))
     point: str = option("", "point of the compliance; default: the last one of the arm file")
     draws: int = option(200, "draws of the posterior", low=2, high=100_000)
@@ -57,8 +57,8 @@ class PredictResult(Result):
 
     Attributes:
         arm: the arm as in its file.
-        predictions: modes, static deflection and compliance (`tool`) at each posture, in the order of the options, with
-            those by draws.
+        predictions: modes, static deflection, and with `tool` compliance and frequency response, at each posture, in
+            the order of the options, with those by draws.
         options: the options of the call.
         fit: fitted values of the arm.
         posterior: draws of the arm's numbers.
@@ -75,7 +75,7 @@ class PredictResult(Result):
     listed = ("predictions",)
     made_from = ("arm", "fit", "posterior")
     numbers = ("frequencies", "deflections")
-    summarised = ("deflections", "deflection_bands")
+    summarised = ("deflections", "deflection_bands", "peaks")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -108,6 +108,13 @@ class PredictResult(Result):
     def deflections(self) -> "tuple[Mapping[str, np.ndarray], ...]":
         """Static deflection at each posture by point name, (3,) [m] in the base frame."""
         return tuple(analysis.deflection for analysis in self.analyses)
+
+    @property
+    def peaks(self) -> "tuple[Mapping[str, np.ndarray], ...]":
+        """Largest responses along x, y and z (`tool`): `frequency` [Hz], `size` [m/N], (3,), their bands, (2, 3)."""
+        found = (each.tool.response for each in self.predictions if each.tool and each.tool.response)
+        names = "frequency", "size", "frequency_band", "size_band"
+        return tuple(dict(zip(names, (*r.peaks, *r.peak_band.swapaxes(0, 1)), strict=True)) for r in found)
 
     def _figures(self) -> "dict[str, Figure]":
         """Return one figure a posture, `2` for the second: modes, or compliance, from the side and from above."""

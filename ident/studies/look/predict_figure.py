@@ -8,12 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.report.report import cut
-from ident.report.style import NAME_STYLES, Style, colour_of, heading, plain
+from ident.report.style import BLUE, GREEN, NAME_STYLES, ORANGE, Style, colour_of, heading, plain
 from ident.report.words import degrees, vector_in_words
 
 if TYPE_CHECKING:
     from ident.identify.compliance import ToolCompliance
     from ident.identify.modal_analysis import ModalAnalysis
+    from ident.identify.receptance import Receptance
     from ident.studies.look.prediction import Prediction
 
 VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
@@ -76,17 +77,19 @@ def mode_figure(analysis: "ModalAnalysis") -> Figure:
 def compliance_figure(analysis: "ModalAnalysis", tool: "ToolCompliance") -> Figure:
     """Draw the arm at rest and, at the point, where forces of one size in all directions move it: an ellipsoid.
 
-    A posterior's draws are drawn thin. The ellipsoid is drawn visibly large, and the title gives its scale.
+    A posterior's draws are drawn thin. The ellipsoid is drawn visibly large, and the title gives its scale. Below are
+    the frequency responses along the axes of the frame.
     """
     rest, (largest, direction, _) = analysis.outline[0], tool.largest
     size, draws = largest_swing(analysis), np.zeros((0, 6, 6)) if tool.draws is None else np.moveaxis(tool.draws, -1, 0)
-    figure = Figure(figsize=(2 * VIEW_WIDTH + 1, 4.5), layout="constrained")
+    figure = Figure(figsize=(2 * VIEW_WIDTH + 1, 8.5 if tool.response else 4.5), layout="constrained")
     title = f"Compliance of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, {cut(tool.point, 20)}"
     title += f", load: {cut(str(analysis.load), 40)}{', servo on' if analysis.drives == 'servo' else ''}"
     note = f"ellipsoid: motion by equal forces of all directions, drawn {size:.2g} m for {1e6 * largest:.4g} um/N"
-    note += f" along ({vector_in_words(tool.axes @ direction)}){'; thin: draws' * bool(len(draws))}"
+    note += f" along ({vector_in_words(tool.axes @ direction)}){'; thin: draws, shaded: 5 to 95 %' * bool(len(draws))}"
     figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
-    for axes, (view, across, up) in zip(figure.subplots(1, len(VIEWS)), VIEWS, strict=True):
+    figure.subplot_mosaic("01;22" if tool.response else "01")
+    for axes, (view, across, up) in zip(figure.axes, VIEWS, strict=False):
         _draw(axes, rest[[across, up]], color=PALEST, size=6.0)
         for matrix, style in (*((draw, FAINT) for draw in draws[:THIN]), (tool.matrix, {"color": "black"})):
             outline = size / largest * _shadow(tool.axes @ matrix[:3, :3] @ tool.axes.T, [across, up])
@@ -94,7 +97,20 @@ def compliance_figure(analysis: "ModalAnalysis", tool: "ToolCompliance") -> Figu
         axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]")
         axes.set_title(view, fontsize=9, loc="left")
         plain(axes)
+    if tool.response:
+        _response(figure.axes[2], tool.response, tool.frame)
     return figure
+
+
+def _response(axes: Axes, response: "Receptance", frame: str) -> None:
+    """Draw the size of the response along each axis of a frame over the frequency, with its band."""
+    for k, (axis, colour) in enumerate(zip("xyz", (BLUE, ORANGE, GREEN), strict=True)):
+        axes.semilogy(response.frequency, 1e6 * response.size[k], color=colour, label=axis, linewidth=1.2)
+        axes.fill_between(response.frequency, *1e6 * response.band[:, k], color=colour, alpha=0.25, linewidth=0)
+    axes.set(xlim=(0, response.frequency[-1]), xlabel="frequency [Hz]", ylabel="motion along the force [um/N]")
+    axes.set_title(f"frequency response along the axes of the {frame}", fontsize=9, loc="left")
+    axes.legend(ncols=3, frameon=False, fontsize=8)
+    plain(axes, grid=True)
 
 
 def _shadow(C: np.ndarray, view: list[int]) -> np.ndarray:

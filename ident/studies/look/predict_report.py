@@ -59,14 +59,15 @@ def predict_sections(
     details = [section for each in predictions for section in _details(each, alone=many or tool is not None)]
     if len(origin) > FEW:
         details.insert(0, Section("Values used", origin))
+    peaks = [Section(f"Peaks at {degrees(p.analysis.posture)}", (*_peaks(p.tool),)) for p in predictions if p.tool]
     asked = f"compliance at {tool.point}" if tool else "natural frequencies and static deflection"
     show = _compliances if tool else _overview if many else _each
     return Report(
         f"{cut(first.arm.name, 50)} {where}, load: {first.load}{servo}: {asked}",
-        answer=(*origin[:FEW], *show(predictions)),
+        answer=(*origin[:FEW], *show(predictions), *(peaks[0].parts if len(peaks) == 1 else ())),
         findings=(*_findings(predictions), *cautions),
         next="ident resonance {arm}" if first.arm.stroke is not None else "",
-        details=tuple(details),
+        details=(*details, *(each for each in peaks if each.parts and len(peaks) > 1)),
     )
 
 
@@ -166,6 +167,15 @@ def _compliances(predictions: Sequence["Prediction"]) -> Iterator[Part]:
     yield f"Joints, and {', '.join(hinges)} for soft links: the rest counts as rigid." if hinges else only
     if first.drives != DRIVE_STATES[0]:
         yield "Servo on: before its integral action, which in time leaves the compliance with brakes."
+
+
+def _peaks(tool: "ToolCompliance") -> Iterator[Table]:
+    """Yield the largest response to a harmonic force along each axis; nothing without damping."""
+    if of := tool.response:
+        each = zip("xyz", *of.peaks, np.diag(tool.matrix), of.peak_band.T, strict=False)
+        rows = [(axis, *_with_band(1, f, b[0]), *_with_band(UM, h, b[1]), h / c) for axis, f, h, c, b in each]
+        heads = "peak at [Hz]|.4g", "at, 5 to 95 %", "peak [um/N]|.4g", "peak, 5 to 95 %", "times static|.3g"
+        yield without_empty_columns(by_head((f"harmonic force along ({tool.frame} frame)", *heads), rows))
 
 
 def _with_band(unit: float, value: float, band: np.ndarray) -> tuple[float, str]:

@@ -9,8 +9,9 @@ from jaxtyping import Float
 
 from ident.arm.modes import follow
 from ident.errors import ModelError
-from ident.identify.compliance import LEVELS, TOGETHER, ToolCompliance
+from ident.identify.compliance import TOGETHER, ToolCompliance
 from ident.identify.modal_analysis import ModalAnalysis, modal_solution
+from ident.identify.receptance import quantiles
 
 
 @dataclass(frozen=True)
@@ -38,18 +39,18 @@ class Prediction:
     @cached_property
     def frequency_band(self) -> Float[np.ndarray, "2 m"]:
         """5 and 95 % quantiles of the natural frequencies [Hz]; NaN without draws."""
-        return _band(self.frequency, len(self.analysis.labels))
+        return quantiles(self.frequency, (len(self.analysis.labels),))
 
     @cached_property
     def damping_band(self) -> Float[np.ndarray, "2 m"]:
         """5 and 95 % quantiles of the damping ratios [-]; NaN without draws."""
-        return _band(self.damping_ratio, len(self.analysis.labels))
+        return quantiles(self.damping_ratio, (len(self.analysis.labels),))
 
     @cached_property
     def deflection_band(self) -> dict[str, Float[np.ndarray, "2 3"]]:
         """5 and 95 % quantiles of the static deflection [m] by point name; NaN without draws."""
         draws = self.deflection or {}
-        return {name: _band(draws.get(name), 3) for name in self.analysis.deflection}
+        return {name: quantiles(draws.get(name), (3,)) for name in self.analysis.deflection}
 
 
 def predict_draws(analysis: ModalAnalysis, draws: Mapping[str, Float[np.ndarray, "D"]]) -> Prediction:
@@ -81,9 +82,3 @@ def predict_draws(analysis: ModalAnalysis, draws: Mapping[str, Float[np.ndarray,
         raise ModelError(f"{analysis.arm.name} has no stable equilibrium there with any draw of the posterior")
     deflection = {name: moved[:, i] for i, name in enumerate(analysis.deflection)}
     return Prediction(analysis, frequency, ratio, deflection, count - frequency.shape[1])
-
-
-def _band(draws: np.ndarray | None, rows: int) -> Float[np.ndarray, "2 rows"]:
-    if draws is None:
-        return np.full((2, rows), np.nan)
-    return np.quantile(draws, LEVELS, axis=1)
