@@ -20,6 +20,7 @@ import stat
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import Context
 from dataclasses import fields, is_dataclass
@@ -321,6 +322,7 @@ AnyArray = jax.Array | np.ndarray
 Progress = Callable[[Iterable[int]], Iterator[int]]
 """Shows how far a loop is that runs over the numbers."""
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
 SMALL_KERNELS: Any = {
     "compiler_options": {
         "xla_backend_optimization_level": 1,
@@ -385,6 +387,15 @@ def in_batches(f: Callable[[Any], Any], columns: Any, size: int, progress: Progr
         some = np.minimum(np.arange(k * size, (k + 1) * size), count - 1)
         parts.append(jax.device_get(f(jax.tree.map(lambda x, some=some: x[..., some], columns))))
     return jax.tree.map(lambda *each: np.concatenate(each, -1)[..., :count], *parts)
+
+
+def beside_each_other(f: Callable[[int], T], count: int, progress: Progress = iter) -> list[T]:
+    """Return f of each number below a count, computed in a thread for each core; Ctrl-C waits for those at work."""
+    pool = ThreadPoolExecutor(cores())
+    try:
+        return [each for _, each in zip(progress(range(count)), pool.map(f, range(count)), strict=True)]
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def is_traced(leaves: list[Any]) -> bool:

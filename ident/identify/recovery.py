@@ -1,7 +1,6 @@
 """Recovery of known truths: campaigns of drawn robots with one's own rows are fitted, and compared with the truth."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import log
@@ -27,7 +26,7 @@ from ident.inference.information import IMPROBABLE, RARE, half_width, rare
 from ident.inference.optima import normal_prior_sd
 from ident.inference.problem import InverseProblem
 from ident.inference.search import evaluate
-from ident.programs import Progress, cores
+from ident.programs import Progress, beside_each_other
 from ident.text import by_key
 
 LEVEL = 0.95
@@ -158,11 +157,7 @@ def recover(
                 alarms[name] = fitted(made(values, rng), truth).in_doubt
         return _Robot(truth, first, alarms)
 
-    pool = ThreadPoolExecutor(cores())
-    try:
-        robots = [each for _, each in zip(progress(range(draws)), pool.map(robot, range(draws)), strict=True)]
-    finally:
-        pool.shutdown(cancel_futures=True)
+    robots = beside_each_other(robot, draws, progress)
     known, fits, changes = np.array([each.truth for each in robots]), [each.fit for each in robots], robots[:TIMES]
     expected = sum(_power(each.fit, places)[i % len(places)] for i, each in enumerate(changes) if places)
     noticed = {RIGHT: (sum(found.in_doubt for found in fits), draws)}

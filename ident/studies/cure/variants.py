@@ -108,19 +108,21 @@ def variants(
 
     from ident.identify.compliance import tool_compliance
     from ident.identify.modal_analysis import modal_analysis
+    from ident.programs import beside_each_other
     from ident.studies.cure.motion_study import Wanted, motions, scheduling_of
     from ident.studies.cure.variants_report import QUANTITIES
     from ident.vibrate.settling import largest_decay, poles_at
 
     require(2 <= len(arms) <= MOST, "arms", f"{len(arms)} of them", f"2 to {MOST} variants", "give each its file")
-    bases, found, limit = [_basis(arm, options) for arm in arms], [], Wanted(options.limit / 1e3)
+    bases, limit = [_basis(arm, options) for arm in arms], Wanted(options.limit / 1e3)
     how: dict[str, Any] = {"segments": options.segments, "dwell": options.dwell, "retract": options.retract}
     searches = [scheduling_of(basis, basis.arm.stroke, **how) for basis in bases]
     for basis in bases[1:]:
         for own, first in zip(_work(basis), _work(bases[0]), strict=True):
             where, expected = one_line(basis.arm_file.path or basis.name), f"{first}, as of the first variant"
             require(own == first, where, own, expected, "compare variants of one application")
-    for i in progress("variants")(range(len(bases))):
+
+    def variant(i: int) -> Variant:
         basis, search = bases[i], searches[i]
         each = motions(basis, search, wanted=limit, time=None, fresh={}, others=False)
         now, best, arrival = each.candidates[0], each.recommended, basis.motion.arrival
@@ -132,8 +134,9 @@ def variants(
         numbers = *map(float, (*arm, tool.largest[0], now.worst, settled)), best.ready if best else None
         source = basis.fit or basis.posterior or basis.arm_file
         name = Path(source.path).stem or basis.arm_file.name
-        found.append(Variant(name, source, each, dict(zip(QUANTITIES, numbers, strict=True))))
-    return VariantsResult(tuple(found), options)
+        return Variant(name, source, each, dict(zip(QUANTITIES, numbers, strict=True)))
+
+    return VariantsResult(tuple(beside_each_other(variant, len(bases), progress("variants"))), options)
 
 
 def _basis(given: Any, options: VariantsOptions) -> "Basis":
