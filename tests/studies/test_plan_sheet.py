@@ -127,17 +127,17 @@ def test_recordings_are_found_by_the_numbers_of_their_channels(tmp_path):
     assert {each.reference.direction for each in found} == {(0, 1, 0), (0, 0, -1)}
     assert all(each.force.max() > 50 for each in found)  # and no acceleration
     (taps / "p1_tap1.csv").write_text("time [s],left [g_0]\n0,1\n0.1,2\n0.2,1\n")
-    with pytest.raises(InputError, match="got '2', expected a channel of 'p1_tap1.csv'; it has left"):
-        table = read_channels(taps / "channels.csv")
-        records(table, recordings_of(taps, table))
+    table = read_channels(taps / "channels.csv")
+    recorded = recordings_of(taps, table)
+    with pytest.raises(InputError, match=r"got '2', expected a channel of 'p1_tap1.csv'; it has left"):
+        records(table, recorded)
 
 
 def test_a_channel_named_by_a_number_is_no_count(tmp_path):
     """The third channel is called 1."""
     folder = sheet(tmp_path, posture(True))
-    write_record(folder / "p1_tap1.csv", *np.random.default_rng(1).normal(size=(4, 500)), names=("2", "3", "1", "t"))
-    text = (folder / "p1_tap1.csv").read_text().replace("2,3,1,t", "2 [g],3 [g],1 [g],4 [g]")
-    (folder / "p1_tap1.csv").write_text(text)
+    values = np.random.default_rng(1).normal(size=(3, 500))
+    write_record(folder / "p1_tap1.csv", *values, names=("2 [g]", "3 [g]", "1 [g]"))
     table = read_channels(folder / "channels.csv")
     (made,) = records(table, recordings_of(folder, table))
     assert [each.channel for each in made.responses] == ["1", "2", "3"]
@@ -160,6 +160,14 @@ def test_a_pin_becomes_a_point_of_the_arm_beside(tmp_path):
     arm = read_arm(folder / "arm.toml").arm
     assert [point.name for point in arm.points] == ["joint3_pin", "elbow", "tip"]
     assert "<td>joint3_pin</td>" in (folder / "sheet.html").read_text()
+
+
+def test_planned_runs_have_no_sheet():
+    options = ident.PlanOptions(sheet="tap")
+    with pytest.raises(
+        InputError, match="sheet: got a sheet of planned runs, expected hammer or tap tests; leave it out"
+    ):
+        ident.plan(FOLDER / "arm.toml", None, options, runs="runs.csv")
 
 
 @pytest.mark.slow

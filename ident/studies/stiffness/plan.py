@@ -6,7 +6,7 @@ from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.studies import module_of, reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
@@ -154,8 +154,8 @@ class PlanResult(Result):
         if self.options.sheet and self.hammer:
             from ident.studies.stiffness.plan_sheet import sheet_postures, write_sheet
 
-            how = self.options.sheet == "tap", self.options.sensor_mass / 1e3
-            postures = tuple(sheet_postures(self.plan, self.hammer, *how))
+            mass, tap = self.options.sensor_mass / 1e3, self.options.sheet == "tap"
+            postures = tuple(sheet_postures(self.plan, self.hammer, tap, mass))
             sheet = write_sheet(self._beside(path, ".sheet"), self.arm, postures, head)
         return (*super()._write(path, head), *forms, *sheet)
 
@@ -199,6 +199,7 @@ def plan(
     if runs is not None:
         if campaign is not None:
             raise refusal("runs", f"the campaign {campaign.name} too", "one of them", "plan them one after the other")
+        require(not options.sheet, "sheet", "a sheet of planned runs", "hammer or tap tests", "leave it out")
         planned: RunPlanResult = module_of("source", "_plan").planned(
             arm, runs, options, noise=options.run_noise / 100, progress=progress
         )
@@ -210,6 +211,5 @@ def plan(
     best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))
     places = (options.modes, options.sensors or 2, options.hit_noise, options.sheet == "tap")
     sought = {path: best[path] for item in made.sought for path in item.paths if path in arm.arm.paths()}
-    wanted = options.sensors or options.sheet
-    hammer = hammer_plans(arm.arm.replace(sought), made.batch, *places) if wanted else ()
+    hammer = hammer_plans(arm.arm.replace(sought), made.batch, *places) if options.sensors or options.sheet else ()
     return PlanResult(arm, made, hammer, options)

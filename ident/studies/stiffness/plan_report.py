@@ -32,6 +32,7 @@ LOOSE = 0.3
 """Standard deviation of ln(value) above which a parameter is known only to a factor."""
 LITTLE = 0.9
 """Share of its standard deviation above which the best further experiment says little about a parameter."""
+NO_SHEET = Finding("no hammer test in the batch, so there is no sheet", "plan more experiments (--count)")
 SLACK = 1e-9
 """Rounding error [deg] tolerated at a limit."""
 COLUMNS = 4
@@ -56,7 +57,7 @@ def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = (), sheet
         f"Plan of {counted(len(plan.steps), 'experiment')} on {cut(plan.arm.name, 40)}, starting from {known}",
         _verdict(plan),
         (batch, _sd_table(plan, "Expected std. error", [0, len(plan.sd) - 1], _if_resolved(plan))),
-        tuple(_findings(plan, hammer)),
+        (*_findings(plan, hammer), *[NO_SHEET] * bool(sheet and not hammer)),
         next=following,
         details=tuple(_details(plan, hammer)),
     )

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ident.description.file import ArmFile
 from ident.description.rewriting import arm_text, point_text, with_first
-from ident.errors import require
+from ident.errors import refusal
 from ident.files import together, write_text
 from ident.identify.candidates import HammerPlan, with_pins
 from ident.measure import Load
@@ -20,9 +20,9 @@ from ident.measure.channels import FORCE, RESPONSE, TAP, is_table
 from ident.measure.load import parse_direction
 from ident.measure.recordings import is_recording
 from ident.measure.table import csv_text
-from ident.report.handout import inputs_table, named_only
+from ident.report.handout import inputs_table
 from ident.report.page import Page, Section, picture, provenance, write_page
-from ident.report.report import Report, cut
+from ident.report.report import cut
 from ident.report.templates import template_of
 from ident.report.words import counted, degrees
 from ident.studies.look.arm_view import ArmView, arm_view
@@ -44,10 +44,6 @@ if TYPE_CHECKING:
     from ident.identify.plan import CampaignPlan
 
 
-Push = tuple[str, str, str]
-"""Name, point and direction, of a sensor the positive one."""
-
-
 @dataclass(frozen=True)
 class SheetPosture:
     """A posture of the sheet.
@@ -58,8 +54,8 @@ class SheetPosture:
         angles: joint angles as in the plan's campaign, by column.
         word: what is done to the arm: `tap`, or `hit` with a measured force, for which input 1 of the recorder is.
         load: load case, the sensors included where their mass is known.
-        sensors: each by its input of the recorder.
-        pushes: each by its file, without the ending.
+        sensors: input of the recorder, point, and positive direction of each.
+        pushes: file without its ending, point, and direction of each.
     """
 
     number: int
@@ -67,8 +63,8 @@ class SheetPosture:
     angles: Mapping[str, str]
     word: str
     load: Load
-    sensors: tuple[Push, ...]
-    pushes: tuple[Push, ...]
+    sensors: tuple[tuple[str, str, str], ...]
+    pushes: tuple[tuple[str, str, str], ...]
 
 
 def sheet_postures(plan: "CampaignPlan", tests: Iterable[HammerPlan], tap: bool, mass: float) -> Iterator[SheetPosture]:
@@ -90,9 +86,8 @@ def _place(text: str, down: str = "+") -> tuple[str, str]:
 
 # -------- Files
 
-COMMENTS = (
-    "Made by `ident plan` before any recording. A number as channel counts those of the file; `*` is any text.",
-    "Fill in unit, sensitivity and rate [Hz] where the recordings have none. The sensors' mass belongs to the load.",
+COMMENT = (
+    "Made by `ident plan` before any recording: fill in unit, sensitivity and rate [Hz] where the files have none."
 )
 
 
@@ -107,12 +102,12 @@ def write_sheet(
     placed, text = with_used_pins(file, {point for each in postures for _, point, _ in (*each.sensors, *each.pushes)})
     columns = ("file", "channel", "role", "point", "direction", "unit", "sensitivity", "rate", *postures[0].angles)
     rows = (row for each in postures for row in channel_rows(each))
-    table = csv_text((*columns, "load", "excitation", "taps"), rows, COMMENTS)
+    table = csv_text((*columns, "load", "excitation", "taps"), rows, [COMMENT])
     page, channels, arm = (folder / name for name in ("sheet.html", CHANNELS, ARM))
     recorded = folder.is_dir() and any(is_recording(each) and not is_table(each) for each in folder.iterdir())
-    fine = not recorded or (channels.is_file() and channels.read_bytes() == table.encode())
-    got, remedy = "recordings by another channel table", "choose another folder (--out), or move them away"
-    require(fine, one_line(str(folder)), got, "a folder without recordings", remedy)
+    if recorded and not (channels.is_file() and channels.read_bytes() == table.encode()):
+        got, remedy = "recordings by another channel table", "choose another folder (--out), or move them away"
+        raise refusal(one_line(str(folder)), got, "a folder without recordings", remedy)
     with together():
         write_page(sheet_page(placed, postures, head, folder.name), page)
         write_text(channels, table)
@@ -147,7 +142,6 @@ def channel_rows(each: SheetPosture) -> Iterator[dict[str, str]]:
 
 def sheet_page(file: ArmFile, postures: Sequence[SheetPosture], head: Mapping[str, Any], folder: str) -> Page:
     """Return the sheet as a page: what to do, then a page for each posture."""
-    _, head = named_only(Report(""), head)
     body: Any = template_of("ident.studies.stiffness", "plan_sheet.html.jinja").module
     sections = [Section("What to do", (body.steps(postures[0], folder, CHANNELS),))]
     for each in postures:
@@ -192,22 +186,20 @@ def _draw(axes: Axes, view: ArmView, panel: Panel, each: SheetPosture, length: f
     """Draw one view, with arrows of a length [m] that do not point along it."""
     for solid in view.solids:
         draw_solid(axes, solid, panel.seen)
-    for outline in axes.patches:
-        outline.set(facecolor="none", edgecolor="black", alpha=1.0)
+        axes.patches[-1].set(facecolor="none", edgecolor="black", alpha=1.0)
     axes.plot(*panel.seen.of(view.line()), color="black", linewidth=1.4, marker="o", markerfacecolor="white")
     draw_frame(axes, np.zeros(3), np.eye(3), panel.seen, 1.2 * length, named="black")
     marks = list[Mark]()
-    for size, pushes in ((length, each.sensors), (-length, each.pushes)):
+    for size, pushes, style, marker in ((length, each.sensors, THIN, "s"), (-length, each.pushes, BLOCK, "x")):
         for name, point, axis in pushes:
-            direction, beside = np.array(parse_direction(axis)), max(-0.3 * size, 0.0)
-            near = panel.seen.of(view.points[point])
-            way = panel.seen.of(direction)
-            axes.plot(*near, marker="s" if size > 0 else "x", color="black", markersize=6, zorder=8)
-            near = near + beside * way[::-1]
-            ends = [tuple(near), tuple(near + size * way)]
+            near, way = panel.seen.of(view.points[point]), panel.seen.of(np.array(parse_direction(axis)))
+            axes.plot(*near, marker=marker, color="black", markersize=6, zorder=8)
+            near = near + max(-0.3 * size, 0.0) * way[::-1]  # a block arrow stands next to the axis of a sensor
+            far = near + size * way
+            marks.append(Mark(f"{name}: {point} {axis}", far, False))
             if way.any():
-                axes.annotate("", ends[size > 0], ends[size < 0], arrowprops=THIN if size > 0 else BLOCK, zorder=8)
-            marks.append(Mark(f"{name}: {point} {axis}", near + size * way, False))
+                start, end = (near, far) if size > 0 else (far, near)
+                axes.annotate("", tuple(end), tuple(start), arrowprops=style, zorder=8)
     for sign in (-1, 1):
         own = [mark for mark in marks if (mark.place[0] > (panel.low[0] + panel.high[0]) / 2) == (sign > 0)]
         label(axes, own, panel, 1, sign)
