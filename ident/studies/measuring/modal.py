@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
 from ident.studies.result import Result
-from ident.studies.shared import ProblemOptions, SamplesOptions, as_file
+from ident.studies.shared import ARM, CHANNELS, ProblemOptions, SamplesOptions, as_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from ident.modal.frf import ModalTest, Processing
     from ident.studies.measuring.modal_campaign import IdentifiedModes, NamedModes
 
-CHANNELS, ARM = "channels.csv", "arm.toml"
-"""Default files in the folder of the recordings."""
 FINISHED = ("undamped", "pole", "damped")
 """Kinds of frequencies in a file of finished modes."""
 

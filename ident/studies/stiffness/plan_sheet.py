@@ -36,7 +36,7 @@ from ident.studies.look.show_figure import (
     span_of,
     views,
 )
-from ident.studies.measuring.modal import ARM, CHANNELS
+from ident.studies.shared import ARM, CHANNELS
 from ident.studies.stiffness.plan_report import angle_cells
 from ident.text import one_line, read_text
 
