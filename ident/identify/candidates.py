@@ -395,10 +395,9 @@ APART = 6.0
 """Least difference of two modes in standard deviations of a shape: three for each."""
 TRIED = 20000
 """Sets of places that are all tried."""
-OVERSAMPLED = 8.0
-"""Sampling rate over the highest expected mode: `modal` searches to a quarter of it, and a mode may be twice as fast"""
-DECAYED, LONGEST = 0.001, 60.0
-"""Share to which a decay is recorded, that of `ident modal --window-end`, and the longest record of a hit [s]."""
+OVERSAMPLED, DECAYED, LONGEST = 8.0, 0.001, 60.0
+"""Sampling rate over the highest expected mode: `modal` uses a quarter, and a mode may be twice as fast; share
+to which a decay is recorded, that of `ident modal --window-end`; longest record of a hit [s]."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ from ident.measure.table import Findings, csv_text, guarded, parse_number, read_
 from ident.text import by_key, one_line, quoted, which_file
 from ident.units import VOLTAGES, sensor_factor
 
+CHANNELS, ARM = "channels.csv", "arm.toml"
+"""Default files in the folder of the recordings."""
 FORCE, RESPONSE, REFERENCE, TIME, IGNORED = "force", "response", "reference", "time", "ignore"
 ROLES = (FORCE, RESPONSE, REFERENCE, TIME, IGNORED)
 """Roles of a channel: the force, a response to it, the reference response of a test without force (all others are

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 FARTHEST = 3600.0
 """Largest joint angle [deg], ten turns, as in a log."""
 
-CHANNELS, ARM = "channels.csv", "arm.toml"
-"""Default files in the folder of the recordings of a modal test."""
-
 
 class UnitOptions(Options):
     """The unit in which stiffnesses are shown."""

@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
 from ident.studies.result import Result
-from ident.studies.shared import ARM, CHANNELS, ProblemOptions, SamplesOptions, as_file
+from ident.studies.shared import ProblemOptions, SamplesOptions, as_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -220,7 +220,7 @@ def modal_test(
     """
     from dataclasses import replace
 
-    from ident.measure.channels import ChannelTable, check_folder, read_channels, recordings_of
+    from ident.measure.channels import ARM, CHANNELS, ChannelTable, check_folder, read_channels, recordings_of
     from ident.measure.recordings.recording import SourceFile
     from ident.modal.ambient import measured_tests
     from ident.modal.finished import finished_tests
@@ -296,7 +296,7 @@ def new_channels(
     Raises:
         InputError: no recordings, or the table already exists.
     """
-    from ident.measure.channels import write_template
+    from ident.measure.channels import ARM, CHANNELS, write_template
 
     folder = Path(tests)
     beside = folder / ARM

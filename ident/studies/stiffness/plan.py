@@ -147,17 +147,16 @@ class PlanResult(Result):
         """Write the plan, a campaign form unless the batch is empty, and the sheet if wanted."""
         from ident.studies.stiffness.plan_report import write_form
 
-        forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
+        forms: tuple[Path, ...] = (self._beside(path, ".csv"),) if self.plan.steps else ()
         for each in forms:
             write_form(self.plan, each)
-        sheet: tuple[Path, ...] = ()
         if self.options.sheet and self.hammer:
             from ident.studies.stiffness.plan_sheet import sheet_postures, write_sheet
 
             mass, tap = self.options.sensor_mass / 1e3, self.options.sheet == "tap"
             postures = tuple(sheet_postures(self.plan, self.hammer, tap, mass))
-            sheet = write_sheet(self._beside(path, ".sheet"), self.arm, postures, head)
-        return (*super()._write(path, head), *forms, *sheet)
+            forms += write_sheet(self._beside(path, ".sheet"), self.arm, postures, head)
+        return (*super()._write(path, head), *forms)
 
     @property
     def short(self) -> bool:

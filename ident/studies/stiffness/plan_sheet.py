@@ -16,7 +16,7 @@ from ident.errors import refusal
 from ident.files import together, write_text
 from ident.identify.candidates import HammerPlan, with_pins
 from ident.measure import Load
-from ident.measure.channels import FORCE, RESPONSE, TAP, is_table
+from ident.measure.channels import ARM, CHANNELS, FORCE, RESPONSE, TAP, is_table
 from ident.measure.load import parse_direction
 from ident.measure.recordings import is_recording
 from ident.measure.table import csv_text
@@ -36,7 +36,6 @@ from ident.studies.look.show_figure import (
     span_of,
     views,
 )
-from ident.studies.shared import ARM, CHANNELS
 from ident.studies.stiffness.plan_report import angle_cells
 from ident.text import one_line, read_text
 
@@ -63,32 +62,25 @@ class SheetPosture:
     angles: Mapping[str, str]
     word: str
     load: Load
-    sensors: tuple[tuple[str, str, str], ...]
-    pushes: tuple[tuple[str, str, str], ...]
+    sensors: tuple[tuple[str, ...], ...]
+    pushes: tuple[tuple[str, ...], ...]
 
 
 def sheet_postures(plan: "CampaignPlan", tests: Iterable[HammerPlan], tap: bool, mass: float) -> Iterator[SheetPosture]:
     """Yield the postures of a plan's tests, with a mass [kg] of sensors at each point; vertical pushes go down."""
     word, first = (TAP, 1) if tap else ("hit", 2)
     for number, test in enumerate(tests, 1):
-        sensors = tuple((f"{i}", *_place(at)) for i, at in enumerate(test.sensors, first))
-        pushes = tuple((f"p{number}_{word}{i}", *_place(at, down="-")) for i, at in enumerate(test.hits, 1))
-        own = [(mass, point) for point in {point for _, point, _ in sensors} if mass]
+        sensors, hits = ([at.replace(" ", " +") for at in places] for places in (test.sensors, test.hits))
+        inputs = tuple((f"{i}", *at.split()) for i, at in enumerate(sensors, first))
+        pushes = tuple((f"p{number}_{word}{i}", *at.replace("+z", "-z").split()) for i, at in enumerate(hits, 1))
+        own = [(mass, point) for point in {point for _, point, _ in inputs} if mass]
         load = replace(test.load, masses=(*test.load.masses, *own))
-        yield SheetPosture(number, test, angle_cells(plan, test.posture), word, load, sensors, pushes)
-
-
-def _place(text: str, down: str = "+") -> tuple[str, str]:
-    """Return point and direction of a place such as `tip z`."""
-    point, axis = text.split()
-    return point, (down if axis == "z" else "+") + axis
+        yield SheetPosture(number, test, angle_cells(plan, test.posture), word, load, inputs, pushes)
 
 
 # -------- Files
 
-COMMENT = (
-    "Made by `ident plan` before any recording: fill in unit, sensitivity and rate [Hz] where the files have none."
-)
+COMMENT = "Made by `ident plan` before any recording: fill in unit, sensitivity, rate [Hz] where the files have none."
 
 
 def write_sheet(
@@ -149,13 +141,14 @@ def sheet_page(file: ArmFile, postures: Sequence[SheetPosture], head: Mapping[st
         hung = tuple(s for s in view.solids if s.kind != "payload" or s.name in each.test.load.payloads)
         drawn = picture(posture_figure(replace(view, solids=hung), each), title, body.caption)
         sections.append(Section(title, (body.posture(each, file.arm.driven, view.points),), (drawn,)))
-    title = f"{postures[0].word.capitalize()} test of {cut(file.arm.name, 60)}: {counted(len(postures), 'posture')}"
+    kind = "Tap" if postures[0].word == TAP else "Hammer"
+    title = f"{kind} test of {cut(file.arm.name, 60)}: {counted(len(postures), 'posture')}"
     return Page(title, str(head["created"])[:10], None, (), tuple(sections), inputs_table(head), provenance(head))
 
 
 # -------- Picture
 
-WIDTH, TALL, BESIDE, ROOM = 6.9, 4.2, 1.45, 0.35
+WIDTH, TALL, BESIDE, ROOM = 6.9, 3.6, 1.45, 0.35
 """Width of the picture, height of both views together, room for labels next to them and for their titles [inch]."""
 THIN = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
 BLOCK = {"arrowstyle": "simple,head_width=1.1,tail_width=0.5", "facecolor": "white", "edgecolor": "black"}
