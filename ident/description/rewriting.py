@@ -198,7 +198,7 @@ def with_first(kind: str, text: str, table: str, where: str) -> str:
     """
     first = re.search(rf"^[ \t]*\[\[[ \t]*{kind}[ \t]*\]\]", text, re.MULTILINE)
     if first is None:
-        got, remedy = f"no {kind} as a table", f"write each as [[{kind}]]"
+        got, remedy = f"{kind}s that are no tables", f"write each as [[{kind}]]"
         raise refusal(where, got, f"a table [[{kind}]], before which another one stands", remedy)
     return text[: first.start()] + table + text[first.start() :]
 
