@@ -197,7 +197,7 @@ MAIN: Mapping[str, str] = {
     "profile": "parameter fix free no_prior",
     "sample": "ess steps noise discrepancy weights strict",
     "validate": "leave fix free soft_base",
-    "plan": "target count load modes sensors cost",
+    "plan": "target count load modes sensors sheet cost",
     "resonance": "speed path fit posterior orders load",
     "simulate": "speed limit settled path fit posterior trace errors",
     "spectrum": "direction upto posture orders spectrogram against",

@@ -143,7 +143,8 @@ def plan_command(
     """Rank what to measure next, and the errors to expect.
 
     Writes CAMPAIGN.plan.json, CAMPAIGN.plan.csv (a campaign to fill in) and CAMPAIGN.plan.png into the folder given by
-    --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file.
+    --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file. --sheet also writes
+    CAMPAIGN.plan.sheet, a folder with a page to measure by, where ident modal finds the recordings.
     """
     from ident.measure.table import FOREIGN
 

@@ -22,7 +22,7 @@ from ident.description.rewriting import (
     place_damping,
     set_inertias,
     set_numbers,
-    with_first_joint,
+    with_first,
 )
 from ident.description.robot import JointsFile, Robot, beside, check_joints, read_joints, robot_root
 from ident.description.schema import BUSHING, SINGLE, ArmDocument, KnobTable, Origin, named, uncertain_numbers
@@ -226,7 +226,7 @@ def update_arm(text: str, arm: Arm, *, origin: Origin, where: str = "arm.toml") 
     before = parse_arm(text, where)
     if arm.base is not None and before.base is None:
         based = on_soft_base(before, float(arm.joints[1].offset[2]))
-        text = with_first_joint(text, joint_text(based.joints[0], "assumed"), where)
+        text = with_first("joint", text, joint_text(based.joints[0], "assumed"), where)
         lowered = {path: based.get(path) for path in changed_numbers(parse_arm(text, where), based)}
         text = update_file(text, {path: float(value) for path, value in lowered.items()}, origin="assumed", where=where)
         before = based

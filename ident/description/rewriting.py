@@ -11,7 +11,7 @@ import tomlkit
 
 from ident.arm.arm import GRAVITY, Arm
 from ident.arm.fields import ALPHA, COMPONENTS, DAMPING, LOSS, STIFFNESS
-from ident.arm.parts import Body, Joint
+from ident.arm.parts import Body, Joint, Point
 from ident.description.schema import BUSHING, RIGID, DampingTable, Origin, si
 from ident.errors import refusal
 from ident.text import one_line
@@ -169,8 +169,7 @@ def arm_text(
     for joint in arm.joints:
         lines += ["", *writer.joint(joint)]
     for point in arm.points:
-        lines += ["", "[[point]]", f'name = "{point.name}"', f'joint = "{point.joint}"']
-        lines.append(writer.line("position", point.position, "m", point.name))
+        lines += ["", *writer.point(point)]
     for payload in arm.payloads:
         lines += ["", "[[payload]]", f'joint = "{payload.joint}"', *writer.body(payload.body)]
     return "\n".join(lines) + "\n"
@@ -186,16 +185,21 @@ def bushing_text(joint: Joint, origin: Origin) -> str:
     return "\n".join(["[[joint]]", f'name = "{joint.name}"', *_Writer(origin).bushing(joint), "", ""])
 
 
-def with_first_joint(text: str, table: str, where: str) -> str:
-    """Return a TOML text with a table before that of its first joint.
+def point_text(point: Point, origin: Origin) -> str:
+    """Return a point as a table of an arm file."""
+    return "\n".join([*_Writer(origin).point(point), "", ""])
+
+
+def with_first(kind: str, text: str, table: str, where: str) -> str:
+    """Return a TOML text with a table before the first one of a kind, `joint` or `point`.
 
     Raises:
-        InputError: its joints are no tables.
+        InputError: its joints or points are no tables.
     """
-    first = re.search(r"^[ \t]*\[\[[ \t]*joint[ \t]*\]\]", text, re.MULTILINE)
+    first = re.search(rf"^[ \t]*\[\[[ \t]*{kind}[ \t]*\]\]", text, re.MULTILINE)
     if first is None:
-        got, remedy = "joints that are no tables", "write each as [[joint]]"
-        raise refusal(where, got, "a table [[joint]], before which the base stands", remedy)
+        got, remedy = f"{kind}s that are no tables", f"write each as [[{kind}]]"
+        raise refusal(where, got, f"a table [[{kind}]], before which another one stands", remedy)
     return text[: first.start()] + table + text[first.start() :]
 
 
@@ -230,6 +234,11 @@ class _Writer:
         for kind, bodies in (("shaft", joint.shaft), ("link", joint.link)):
             for body in bodies:
                 yield from ["", f"[[joint.{kind}]]", *self.body(body)]
+
+    def point(self, point: Point) -> Iterator[str]:
+        """Yield a point."""
+        yield from ["[[point]]", f'name = "{point.name}"', f'joint = "{point.joint}"']
+        yield self.line("position", point.position, "m", point.name)
 
     def bushing(self, joint: Joint) -> Iterator[str]:
         """Yield the stiffness of a joint, and its damping if that is written: loss factors where it has any."""

@@ -24,7 +24,7 @@ from ident.description.rewriting import (
     place_damping,
     set_inertias,
     set_numbers,
-    with_first_joint,
+    with_first,
 )
 from ident.description.schema import BUSHING, BushingTable, Damped, Origin, PayloadTable, PointTable
 from ident.errors import InputError, Problem, placed, refusal, refuse, require
@@ -448,7 +448,7 @@ def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) ->
     """
     if arm.base is not None and before.base is None:
         before = on_soft_base(before, float(arm.joints[1].offset[2]))
-        text = with_first_joint(text, bushing_text(before.joints[0], "assumed"), where)
+        text = with_first("joint", text, bushing_text(before.joints[0], "assumed"), where)
     document: Any = tomlkit.parse(text)
     joints = {str(table["name"]): table for table in document["joint"]}
     others = {str(table["name"]): table for kind in ("point", "payload") for table in document.get(kind, ())}

@@ -395,6 +395,9 @@ APART = 6.0
 """Least difference of two modes in standard deviations of a shape: three for each."""
 TRIED = 20000
 """Sets of places that are all tried."""
+OVERSAMPLED, DECAYED, LONGEST = 8.0, 0.001, 60.0
+"""Sampling rate over the highest expected mode: `modal` uses a quarter, and a mode may be twice as fast; share
+to which a decay is recorded, that of `ident modal --window-end`; longest record of a hit [s]."""
 
 
 @dataclass(frozen=True)
@@ -406,7 +409,8 @@ class HammerPlan:
         load: the load case.
         labels: (m,) the modes.
         frequency: (m,) [Hz]
-        sensors: places of accelerometers' channels, `tip z`; the pin of a joint goes by the joint's name.
+        damping_ratio: (m,) [-]
+        sensors: places of accelerometers' channels, `tip z`; the pin of a joint is `JOINT_pin`.
         hits: places to hit, likewise.
         count: hits at each.
         auto_mac: (m, m) [-] of the modes at the sensors.
@@ -417,6 +421,7 @@ class HammerPlan:
     load: Load
     labels: tuple[Label, ...]
     frequency: Float[np.ndarray, "m"]
+    damping_ratio: Float[np.ndarray, "m"]
     sensors: tuple[str, ...]
     hits: tuple[str, ...]
     count: int
@@ -435,9 +440,26 @@ class HammerPlan:
         """Pairs of modes that these places do not tell apart."""
         return tuple((int(i), int(j)) for i, j in np.argwhere(np.triu(self.auto_mac, 1) > ALIKE))
 
+    @property
+    def rate(self) -> float:
+        """Sampling rate [Hz] of 100, 200, 400, ...: at least `OVERSAMPLED` times the highest mode."""
+        return 100 * 2.0 ** max(0, math.ceil(math.log2(OVERSAMPLED * float(self.frequency.max()) / 100)))
+
+    @property
+    def duration(self) -> int:
+        """Length [s] of the record of a hit, in whole seconds, at most `LONGEST`.
+
+        The slowest mode has decayed to `DECAYED` after ln(1 / DECAYED) / min(zeta omega). It may end earlier, after
+        2 / (least distance of two frequencies), which separates these, but not before 20 periods of the lowest mode.
+        """
+        slowest = 2 * math.pi * float((self.damping_ratio * self.frequency).min())
+        apart = float(np.diff(np.sort(self.frequency)).min(initial=math.inf))
+        least = min(apart / 2, float(self.frequency.min()) / 20)
+        return math.ceil(1 / max(slowest / -math.log(DECAYED), least, 1 / LONGEST))
+
 
 def hammer_plans(
-    arm: Arm, batch: Sequence[Experiment], modes: int, sensors: int, noise: float
+    arm: Arm, batch: Sequence[Experiment], modes: int, sensors: int, noise: float, two: bool = False
 ) -> tuple[HammerPlan, ...]:
     """Return where to measure and to hit in the hammer tests of a batch.
 
@@ -447,6 +469,7 @@ def hammer_plans(
         modes: of each test, from the lowest.
         sensors: channels of accelerometers at hand, each at a place along x, y or z of the base.
         noise: [-] standard deviation of one hit's shape, as a share of its length.
+        two: whether all are hit at two places; else only where one does not do.
 
     Raises:
         InputError: fewer than two channels.
@@ -454,18 +477,18 @@ def hammer_plans(
     require(sensors >= 2, "", f"{sensors}", "two channels or more", "one channel tells no modes apart", "sensors")
     placed = with_pins(arm)
     states = dict.fromkeys((each.posture, each.load) for each in batch if each.hammer)
-    return tuple(hammer_plan(placed, *state, modes=modes, sensors=sensors, noise=noise) for state in states)
+    return tuple(hammer_plan(placed, *state, modes=modes, sensors=sensors, noise=noise, two=two) for state in states)
 
 
 def with_pins(arm: Arm) -> Arm:
-    """Return the arm with the pin of each joint as a further point, the end point last."""
+    """Return the arm with the pin of each joint as a further point, `JOINT_pin`, the end point last."""
     own = {point.name for point in arm.points}
-    pins = [Point(j.name, j.name, (0.0, 0.0, 0.0)) for j in arm.joints if j.name not in own]
+    pins = [Point(f"{j.name}_pin", j.name, (0.0, 0.0, 0.0)) for j in arm.joints if f"{j.name}_pin" not in own]
     return eqx.tree_at(lambda a: a.points, arm, (*pins, *arm.points))
 
 
 def hammer_plan(
-    arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, *, modes: int, sensors: int, noise: float
+    arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, *, modes: int, sensors: int, noise: float, two: bool
 ) -> HammerPlan:
     """Choose places by the least auto-MAC of all sets; of too many: the best pair, then what lowers it most.
 
@@ -476,10 +499,10 @@ def hammer_plan(
     names = [f"{point.name} {axis}" for point in arm.points for axis in "xyz"]
     moved = np.moveaxis(np.asarray(known.modes.motion), 0, 1).reshape(len(names), -1)
     chosen = _sensors(moved, min(sensors, len(names)))
-    mac, hertz = auto_mac(moved, chosen), np.asarray(known.modes.frequency)
-    close = coinciding(hertz, np.asarray(known.damping_ratio))
-    places, hits = (tuple(names[i] for i in own) for own in (chosen, _hits(moved, two=bool(close))))
-    return HammerPlan(posture, load, known.labels, hertz, places, hits, hits_needed(mac, noise), mac, close)
+    mac, hertz, damping = auto_mac(moved, chosen), np.asarray(known.modes.frequency), np.asarray(known.damping_ratio)
+    close = coinciding(hertz, damping)
+    places, hits = (tuple(names[i] for i in own) for own in (chosen, _hits(moved, two=two or bool(close))))
+    return HammerPlan(posture, load, known.labels, hertz, damping, places, hits, hits_needed(mac, noise), mac, close)
 
 
 def auto_mac(moved: Float[np.ndarray, "K m"], places: Sequence[int]) -> Float[np.ndarray, "m m"]:

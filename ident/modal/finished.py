@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from ident.errors import Problem, every, refuse
 from ident.measure.channels import RESPONSE, ChannelRow, ChannelTable
 from ident.measure.recordings import Recording, Shape
 from ident.modal.frf import HeldArm, ModeSet
-from ident.modal.recorded import STATE, check_state, is_finished, place_of, state_of
+from ident.modal.recorded import STATE, check_state, is_finished, place_of, rows_of, state_of
 from ident.text import did_you_mean, one_line, quoted
 
 KINDS = ("frequency", "damping_ratio", "shape")
@@ -54,8 +53,8 @@ def finished_tests(
     Raises:
         InputError: a channel is not in the file, or standard deviations or the definition of frequencies are missing.
     """
-    responses = [row for row in table.rows if row.role == RESPONSE]
-    rows = {name: [row for row in responses if fnmatchcase(name, row.file)] for name in recordings}
+    every_row = ((name, rows_of(table, name, recording)) for name, recording in recordings.items())
+    rows = {name: [row for row in own if row.role == RESPONSE] for name, own in every_row}
     names = [name for name, recording in recordings.items() if is_finished(recording) and rows[name]]
     return tuple(every(lambda name: _test(name, recordings[name], rows[name], sigma, of), names))
 

@@ -11,6 +11,7 @@ from ident.errors import InputError, Problem, every, noted, refusal, refuse, req
 from ident.measure.channels import FORCE, IGNORED, QUANTITIES, REFERENCE, RESPONSE, TIME, ChannelRow, ChannelTable
 from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording
+from ident.measure.recordings.recording import TIMES
 from ident.measure.recordings.sampling import even_step
 from ident.measure.speeds import Speed
 from ident.modal.frf import Place
@@ -127,7 +128,7 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
             expected, remedy = "a file of the test", did_you_mean(pattern, recordings, "correct the name")
             problems.append(Problem(row.where, quoted(pattern), expected, remedy, "file"))
     for name, recording in recordings.items():
-        rows = [row for row in table.rows if fnmatchcase(name, row.file)]
+        rows = rows_of(table, name, recording)
         if not recording.channels:
             problems += _nodes_alone(name, rows, recordings) if not recording.shapes else ()
             continue
@@ -137,6 +138,14 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
     any_test = found or any(map(is_finished, recordings.values()))
     require(any_test, table.path, "no row of a response", "at least one", "fill in the column role", "role")
     return tuple(found)
+
+
+def rows_of(table: ChannelTable, name: str, recording: Recording) -> list[ChannelRow]:
+    """Return the rows of a file; a number that is no name of a channel counts its channels, without those of times."""
+    known = {str(i): each for i, each in enumerate((n for n in recording.names if not TIMES.fullmatch(n)), 1)}
+    known |= {each: each for each in recording.names}
+    rows = (row for row in table.rows if fnmatchcase(name, row.file))
+    return [replace(row, channel=known.get(row.channel, row.channel)) for row in rows]
 
 
 def _nodes_alone(name: str, rows: list[ChannelRow], recordings: Mapping[str, Recording]) -> Iterator[Problem]:
@@ -414,7 +423,7 @@ def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> f
     """Return the recordings of samples at those states of the arm without a force in any file."""
     counting = {}
     for name, recording in recordings.items():
-        rows = [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
+        rows = [row for row in rows_of(table, name, recording) if row.counts]
         if recording.channels and not has_responses(rows, recording):
             counting[name] = rows
     pushed = {state_of(row) for rows in counting.values() for row in rows if row.role == FORCE}
@@ -436,7 +445,7 @@ def records(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[R
 
 
 def _record(name: str, table: ChannelTable, recording: Recording) -> Record:
-    rows = [row for row in table.rows if fnmatchcase(name, row.file)]
+    rows = rows_of(table, name, recording)
     check_names(name, rows, recording)
     counting = [row for row in rows if row.counts]
     check_state(counting, {**WINDOW, "excitation": "excitation"})

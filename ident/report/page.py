@@ -67,7 +67,7 @@ class Section:
 
     Attributes:
         title: heading.
-        parts: paragraphs and tables.
+        parts: paragraphs, tables, and HTML of a template (`Markup`).
         pictures: figures, below them.
     """
 

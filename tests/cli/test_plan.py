@@ -44,6 +44,26 @@ def test_plan_starts_from_nothing_and_ends_at_a_target(run, tmp_path):
     assert files(tmp_path) == ["out/arm.plan.csv", "out/arm.plan.json"]
 
 
+def test_a_sheet_is_written_and_a_table_that_was_filled_in_is_kept(run, tmp_path):
+    options = ["--step=90", "--draws=0", "--count=2", "--no-figure", "--sheet=tap", "--sensor-mass=20"]
+    code, out, _ = run("plan", "--arm", DATA / "hammer/arm.toml", *options)
+    assert code == 0
+    assert "measure by out/arm.plan.sheet/sheet.html, then: ident modal out/arm.plan.sheet" in out
+    sheet = [f"out/arm.plan.sheet/{name}" for name in ("arm.toml", "channels.csv", "sheet.html")]
+    assert files(tmp_path) == sorted(["out/arm.plan.csv", "out/arm.plan.json", *sheet])
+    table = tmp_path / sheet[1]
+    text = table.read_text()
+    first = text.splitlines()[2].split(",")
+    assert (first[0], first[1], first[2], first[-2], first[-1]) == ("p1_tap1*", "1", "response", "tap", "5")
+    assert "0.02 kg @ " in text
+    table.write_text(text.replace("response", "reference"))
+    code, out, _ = run("plan", "--arm", DATA / "hammer/arm.toml", *options)
+    assert code == 0
+    assert "kept what was there as out/arm.plan.1.*" in out
+    assert (tmp_path / "out/arm.plan.1.sheet/channels.csv").read_text() == text.replace("response", "reference")
+    assert table.read_text() == text
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -58,6 +78,7 @@ def test_plan_starts_from_nothing_and_ends_at_a_target(run, tmp_path):
         (["--cost=hammer=cheap"], "'cheap'"),
         (["--cost=hamer=3"], "did you mean hammer"),
         (["--arm=nowhere.toml"], "nowhere.toml"),
+        (["--sheet=ambient"], "--sheet: got 'ambient', expected one of hammer, tap"),
     ],
 )
 def test_bad_plans_are_one_line_and_nothing_is_written(run, tmp_path, options, words):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ident.arm.arm import Arm
 from ident.description.file import parse_arm, update_file
-from ident.description.rewriting import arm_text, with_first_joint
+from ident.description.rewriting import arm_text, with_first
 from ident.errors import InputError
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=30)
@@ -53,4 +53,4 @@ def test_a_file_whose_numbers_are_changed_keeps_all_others(factors):
 
 def test_a_file_whose_joints_are_no_tables_has_no_place_for_a_base():
     with pytest.raises(InputError, match=r"arm\.toml: got joints that are no tables"):
-        with_first_joint('joint = [{ name = "a" }]', "", "arm.toml")
+        with_first("joint", 'joint = [{ name = "a" }]', "", "arm.toml")

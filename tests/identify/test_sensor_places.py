@@ -70,7 +70,7 @@ def test_modes_within_their_resonances_coincide():
 @pytest.fixture(scope="module")
 def planned():
     arm = with_pins(lcd_arm())
-    return {count: hammer_plan(arm, POSTURE, modes=4, sensors=count, noise=0.1) for count in (2, 4)}
+    return {count: hammer_plan(arm, POSTURE, modes=4, sensors=count, noise=0.1, two=False) for count in (2, 4)}
 
 
 def test_the_papers_close_pair_needs_two_directions(planned):

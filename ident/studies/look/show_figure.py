@@ -100,7 +100,7 @@ def draw_arm(axes: Axes, view: "ArmView", seen: View, size: float) -> None:
     """Draw an arm in a view; `size` [m] is that of the whole picture."""
     heaviest = max((solid.mass for solid in view.solids), default=0.0) or 1.0
     for solid in sorted(view.solids, key=lambda each: each.kind != "payload"):
-        _draw_solid(axes, solid, seen)
+        draw_solid(axes, solid, seen)
     axes.plot(*seen.of(view.line()), color="#5F6B75", linewidth=1.4, zorder=3)
     for belt in view.belts:
         _draw_belt(axes, belt, seen)
@@ -113,10 +113,10 @@ def draw_arm(axes: Axes, view: "ArmView", seen: View, size: float) -> None:
         axes.plot(*seen.of(place), linestyle="", **{**KEY["drive"], "markersize": 11, "zorder": 6})
     for place in view.points.values():
         axes.plot(*seen.of(place), linestyle="", zorder=7, **KEY["point"])
-    _draw_frame(axes, np.zeros(3), np.eye(3), seen, 0.07 * size, named=True)
+    draw_frame(axes, np.zeros(3), np.eye(3), seen, 0.07 * size, named=BASE)
 
 
-def _draw_solid(axes: Axes, solid: "Solid", seen: View) -> None:
+def draw_solid(axes: Axes, solid: "Solid", seen: View) -> None:
     """Draw the outline of a body's box, dashed where only its inertia is known."""
     corners = seen.of(solid.corners).T
     try:
@@ -137,7 +137,7 @@ def _draw_hinge(axes: Axes, hinge: "Hinge", seen: View, size: float) -> None:
         axes.plot(*seen.of(ends), color=BLUE, linewidth=2.2, zorder=4, solid_capstyle="butt")
     elif hinge.driven:
         axes.plot(*seen.of(hinge.centre), marker=".", color=BLUE, markersize=3, zorder=6)
-    _draw_frame(axes, hinge.centre, hinge.frame, seen, 0.03 * size, named=False)
+    draw_frame(axes, hinge.centre, hinge.frame, seen, 0.03 * size, named="")
 
 
 def _draw_belt(axes: Axes, belt: "Run", seen: View) -> None:
@@ -155,16 +155,16 @@ def _draw_belt(axes: Axes, belt: "Run", seen: View) -> None:
         axes.add_patch(Circle(tuple(centre), float(radius), fill=False, edgecolor=PINK, linewidth=1.2, zorder=4))
 
 
-def _draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, size: float, *, named: bool) -> None:
-    """Draw the axes of a frame that are not seen end-on."""
+def draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, size: float, *, named: str) -> None:
+    """Draw the axes of a frame that are not seen end-on, as arrows with letters in a colour if it is named."""
     for place, letter in enumerate("xyz"):
         start, end = (seen.of(each) for each in (origin, origin + size * frame[:, place]))
         if abs(frame[seen.normal, place]) > TOWARDS:
             continue
         if named:
             off = 6 * (end - start) / max(float(np.linalg.norm(end - start)), 1e-12)
-            note(axes, letter, tuple(end), tuple(off), color=BASE, ha="center", va="center")
-            arrow = {"arrowstyle": "-|>", "color": BASE, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
+            note(axes, letter, tuple(end), tuple(off), color=named, ha="center", va="center")
+            arrow = {"arrowstyle": "-|>", "color": named, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
             axes.annotate("", tuple(end), tuple(start), arrowprops=arrow, zorder=6)
         else:
             axes.plot(*zip(start, end, strict=True), color="#9C8FA8", linewidth=1.0, zorder=6)

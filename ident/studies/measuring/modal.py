@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from ident.modal.frf import ModalTest, Processing
     from ident.studies.measuring.modal_campaign import IdentifiedModes, NamedModes
 
-CHANNELS, ARM = "channels.csv", "arm.toml"
-"""Default files in the folder of the recordings."""
 FINISHED = ("undamped", "pole", "damped")
 """Kinds of frequencies in a file of finished modes."""
 
@@ -222,7 +220,7 @@ def modal_test(
     """
     from dataclasses import replace
 
-    from ident.measure.channels import ChannelTable, check_folder, read_channels, recordings_of
+    from ident.measure.channels import ARM, CHANNELS, ChannelTable, check_folder, read_channels, recordings_of
     from ident.measure.recordings.recording import SourceFile
     from ident.modal.ambient import measured_tests
     from ident.modal.finished import finished_tests
@@ -299,7 +297,7 @@ def new_channels(
     Raises:
         InputError: no recordings, or the table already exists.
     """
-    from ident.measure.channels import write_template
+    from ident.measure.channels import ARM, CHANNELS, write_template
 
     folder = Path(tests)
     beside = folder / ARM

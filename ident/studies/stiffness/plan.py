@@ -6,7 +6,7 @@ from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.studies import module_of, reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
@@ -62,6 +62,10 @@ class PlanOptions(FitOptions):
         low=0,
         high=60,
     )
+    sheet: str | None = option(
+        None, "write a page and channels.csv to measure by: hammer, or tap without a force", choices=("hammer", "tap")
+    )
+    sensor_mass: float = option(0.0, "mass [g] of the sensors at a point of the sheet, a load", low=0.0, high=1e5)
     hit_noise: float = option(0.1, "standard deviation of one hit's shape, as a share of it", above=0.0, high=1.0)
     run_noise: float = option(
         5.0, "noise of planned runs (--runs), in percent of each trace's peak", above=0.0, high=100.0
@@ -107,7 +111,7 @@ class PlanResult(Result):
     hammer: "tuple[HammerPlan, ...]" = ()
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    shown = ("plan", "hammer")
+    shown = ("plan", "hammer", "options.sheet")
     drawn = listed = ("plan",)
     numbers = ("cost",)
     summarised = ("cost", "sd")
@@ -140,12 +144,18 @@ class PlanResult(Result):
         return {name: tuple(map(float, column)) for name, column in zip(names, end.T, strict=True)}
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        """Write the plan, and a campaign form unless the batch is empty."""
+        """Write the plan, a campaign form unless the batch is empty, and the sheet if wanted."""
         from ident.studies.stiffness.plan_report import write_form
 
-        forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
+        forms: tuple[Path, ...] = (self._beside(path, ".csv"),) if self.plan.steps else ()
         for each in forms:
             write_form(self.plan, each)
+        if self.options.sheet and self.hammer:
+            from ident.studies.stiffness.plan_sheet import sheet_postures, write_sheet
+
+            mass, tap = self.options.sensor_mass / 1e3, self.options.sheet == "tap"
+            postures = tuple(sheet_postures(self.plan, self.hammer, tap, mass))
+            forms += write_sheet(self._beside(path, ".sheet"), self.arm, postures, head)
         return (*super()._write(path, head), *forms)
 
     @property
@@ -188,6 +198,7 @@ def plan(
     if runs is not None:
         if campaign is not None:
             raise refusal("runs", f"the campaign {campaign.name} too", "one of them", "plan them one after the other")
+        require(not options.sheet, "sheet", "a sheet of planned runs", "hammer or tap tests", "leave it out")
         planned: RunPlanResult = module_of("source", "_plan").planned(
             arm, runs, options, noise=options.run_noise / 100, progress=progress
         )
@@ -197,7 +208,7 @@ def plan(
     fitted = fit(arm, campaign, options, progress=progress).fit if campaign is not None else None
     made = plan_campaign(arm.arm, fitted, options.unknowns_of(arm), settings)
     best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))
-    places = (options.modes, options.sensors, options.hit_noise)
+    places = (options.modes, options.sensors or 2, options.hit_noise, options.sheet == "tap")
     sought = {path: best[path] for item in made.sought for path in item.paths if path in arm.arm.paths()}
-    hammer = hammer_plans(arm.arm.replace(sought), made.batch, *places) if options.sensors else ()
+    hammer = hammer_plans(arm.arm.replace(sought), made.batch, *places) if options.sensors or options.sheet else ()
     return PlanResult(arm, made, hammer, options)

@@ -3,7 +3,7 @@
 import csv
 import math
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,6 @@ from ident.arm.arm import ANYWHERE
 from ident.files import numbered, together, write_text
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
-from ident.measure import Measurement
 from ident.measure.reading import campaign_rows
 from ident.measure.table import csv_text
 from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut, kept, without_empty_columns
@@ -33,14 +32,15 @@ LOOSE = 0.3
 """Standard deviation of ln(value) above which a parameter is known only to a factor."""
 LITTLE = 0.9
 """Share of its standard deviation above which the best further experiment says little about a parameter."""
+NO_SHEET = Finding("no hammer test in the batch, so there is no sheet", "plan more experiments (--count)")
 SLACK = 1e-9
 """Rounding error [deg] tolerated at a limit."""
 COLUMNS = 4
 """Standard deviations shown for each parameter, starting now; the last one is always shown."""
 
 
-def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Report:
-    """Return the report of a plan."""
+def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = (), sheet: str | None = None) -> Report:
+    """Return the report of a plan; `sheet` as in the options."""
     batch = _batch_table(plan, LISTED, gains=False) if plan.steps else "No experiment is needed."
     then = "add it, then: ident fit {campaign}" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
     if any(m.note.startswith("replace ") for m in plan.campaign()):
@@ -49,13 +49,15 @@ def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Re
     following = "fill in {result}.csv, " + then if plan.steps else onward
     if plan.steps and plan.fit and plan.fit.doubts:
         following = "check the causes, fill in {result}.csv, add it, then: ident fit {campaign}"
+    if sheet and hammer:
+        following = "measure by {result}.sheet/sheet.html, then: ident modal {result}.sheet"
     campaign = plan.fit.campaign if plan.fit else None
     known = f"{counted(len(campaign), 'measurement')} of {cut(campaign.name, 30)}" if campaign else "the prior alone"
     return Report(
         f"Plan of {counted(len(plan.steps), 'experiment')} on {cut(plan.arm.name, 40)}, starting from {known}",
         _verdict(plan),
         (batch, _sd_table(plan, "Expected std. error", [0, len(plan.sd) - 1], _if_resolved(plan))),
-        tuple(_findings(plan, hammer)),
+        (*_findings(plan, hammer), *[NO_SHEET] * bool(sheet and not hammer)),
         next=following,
         details=tuple(_details(plan, hammer)),
     )
@@ -311,7 +313,7 @@ def _hammer(plans: Sequence[HammerPlan]) -> Iterator[Section]:
             near = f"{plan.frequency[i]:.3g} and {plan.frequency[j]:.3g} Hz"
             parts.append(f"{plan.labels[i]} and {plan.labels[j]} overlap ({near}): hit at two places.")
         words.append(" ".join(parts))
-    places = "Places are the arm's points and the pins of its joints, named by the joint."
+    places = "Places are the arm's points and the pins of its joints (JOINT_pin)."
     yield Section("Hammer tests: where to measure and to hit, along the base's axes", (*words, places))
 
 
@@ -351,7 +353,6 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
     """
     campaign = plan.campaign()
     columns, table = campaign_rows(campaign, relative_sigma=True)
-    measured = set(plan.fit.campaign.postures) if plan.fit else set()
     comments = ["Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement."]
     if not any(experiment.labelled for experiment in plan.batch):
         comments += ["Rows without mode are matched in ascending order within one posture and load: "]
@@ -362,7 +363,7 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
     for row, m in zip(table, campaign, strict=True):
         note = "; ".join(filter(None, (f"expected {float(row['value']):.4g} {row['unit']}", row.get("note"))))
         sigma = f"{float(row['relative_sigma']):.4g}"
-        row |= {**_angles(plan, m, measured), "value": "", "note": note, "relative_sigma": sigma}
+        row |= {**angle_cells(plan, m.posture), "value": "", "note": note, "relative_sigma": sigma}
     text = csv_text(names, table, comments)
     with together() as files:
         if _is_filled(path):
@@ -381,13 +382,13 @@ def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:
     ]
 
 
-def _angles(plan: "CampaignPlan", m: Measurement, measured: Collection[tuple[float, ...]]) -> dict[str, str]:
-    """Return angles to 0.001 deg; exactly if measured before, or if rounding would exceed a limit."""
-    cells = {}
-    for number, (joint, angle) in enumerate(zip(plan.arm.driven, m.posture, strict=True), 1):
+def angle_cells(plan: "CampaignPlan", posture: tuple[float, ...]) -> dict[str, str]:
+    """Return angles to 0.001 deg, by column; exactly if measured before, or if rounding would exceed a limit."""
+    cells, measured = {}, set(plan.fit.campaign.postures) if plan.fit else set()
+    for number, (joint, angle) in enumerate(zip(plan.arm.driven, posture, strict=True), 1):
         low, high = (math.degrees(limit) + slack for limit, slack in zip(joint.limits, (-SLACK, SLACK), strict=True))
         near = round(math.degrees(angle), 3)
-        exact = m.posture in measured or not low <= near <= high
+        exact = posture in measured or not low <= near <= high
         cells[f"q{number} [deg]"] = f"{math.degrees(angle) if exact else near:.10g}"
     return cells
 
