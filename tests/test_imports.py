@@ -136,7 +136,7 @@ REACHES = {
     "modal": 21_600,
     "sweep": 21_300,
     "motion": 25_000,
-    "plan": 25_900,
+    "plan": 29_200,
     "fleet": 29_400,
     "source": 23_900,
     "balance": 27_900,
