@@ -118,6 +118,8 @@ class ChannelRow(RecordedChannel):
         drives: state of the drives.
         harmonics: turning parts and their speeds during a test without force.
         excitation: one of `EXCITATIONS`, of a test without force; empty to judge by the length of the record.
+        taps: hits or taps to record in the files of that name, by the row of the force, or else of a response; 0 for
+            any number.
     """
 
     role: str
@@ -132,6 +134,7 @@ class ChannelRow(RecordedChannel):
     drives: str = DRIVE_STATES[0]
     harmonics: tuple[Speed, ...] = ()
     excitation: str = ""
+    taps: int = 0
 
     @property
     def counts(self) -> bool:
@@ -147,6 +150,12 @@ def _position(text: str, decimal: str) -> Vector:
     require(len(parts) == 3, "", quoted(text), "three numbers", remedy)
     x, y, z = (parse_number(part, decimal) for part in parts)
     return x, y, z
+
+
+def _whole(text: str, decimal: str) -> int:
+    value = POSITIVE(text, decimal)
+    require(value == round(value), "", quoted(text), "a whole number", "correct it, or leave the cell empty")
+    return round(value)
 
 
 def _sensitivity(text: str, decimal: str) -> tuple[float, str | None]:
@@ -180,8 +189,8 @@ DETAILS = (
 )
 """Rules of the further columns of a row with a role."""
 DRIVES, HARMONICS = Rule("drives", WORDS["drives"], DRIVE_STATES[0]), Rule("harmonics", parse_speeds)
-EXCITATION = Rule("excitation", Word(EXCITATIONS), "")
-RULES = (*NAMED, *DETAILS, DRIVES, HARMONICS, EXCITATION, Rule("note"))
+EXCITATION, TAPS = Rule("excitation", Word(EXCITATIONS), ""), Rule("taps", _whole, 0)
+RULES = (*NAMED, *DETAILS, DRIVES, HARMONICS, EXCITATION, TAPS, Rule("note"))
 COLUMNS = tuple(rule.name for rule in RULES)
 """Names of the columns other than the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
 
@@ -223,7 +232,7 @@ def _channel(row: Row) -> ChannelRow | None:
     if said["role"] == IGNORED:
         return None if row.problems else ChannelRow(where=row.where, posture=(), **said)
     posture = row.posture if role != TIME else ()
-    said |= row.values((*DETAILS, HARMONICS, EXCITATION))
+    said |= row.values((*DETAILS, HARMONICS, EXCITATION, TAPS))
     said["sensitivity"], own = said["sensitivity"] or (None, None)
     if own is not None and said["unit"] not in ("", own):
         remedy = "leave the cell `unit` empty, or write the same one"

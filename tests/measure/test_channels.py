@@ -52,6 +52,15 @@ def test_a_sensitivity_as_a_certificate_has_it(tmp_path, cell, volts, unit):
     assert f"sensitivity: got '{cell}', expected volts for one 'kN', as in the column unit" in line
 
 
+def test_a_row_may_say_how_many_taps_to_record(tmp_path):
+    head = HEAD.replace("load", "load,taps")
+    (three, any_number) = table(tmp_path, *(f"{n}.uff,1,force,tip,,,z,,,N,,30,,{n}" for n in ("3", "")), head=head).rows
+    assert (three.taps, any_number.taps) == (3, 0)
+    for cell in ("2.5", "0", "-1", "some"):
+        (line,) = lines(tmp_path, f"a.uff,1,force,tip,,,z,,,N,,30,,{cell}", head=head)
+        assert line.startswith(f"channels.csv:2, taps: got '{cell}', expected a")
+
+
 def test_a_row_without_role_is_left_out_however_little_it_says(tmp_path):
     (row,) = table(tmp_path, "a.uff,1:+Z,,,,,,,,,,,").rows
     assert not row.counts
