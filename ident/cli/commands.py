@@ -627,7 +627,7 @@ def modal_command(
     channels: flag("channel table, a CSV file; default: channels.csv in the folder") = None,
     arm: flag("arm description; default: arm.toml in the folder", "--arm") = None,
     init: Annotated[bool, typer.Option("--init", help="write the channel table to fill in, and stop")] = False,
-    watch: Annotated[bool, typer.Option("--watch", help="judge each file as it comes, until all are there")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="judge each file as it comes")] = False,
     out: OutOption = Path("out"),
 ) -> "Iterator[Result]":
     """Make a campaign of a hammer test, or of one without force.

@@ -66,6 +66,14 @@ def copying(folder, *names):
     return lambda: [shutil.copy(FOLDER / name, folder) for name in names]
 
 
+def datasets(data, channels=7):
+    """Return the first dataset of a universal file, which has no channel, and those of each hit."""
+    mark = b"    -1\n"
+    sets = [mark + part + mark for part in data.split(mark)[1::2]]
+    assert b"".join(sets) == data
+    return sets[0], [b"".join(sets[i : i + channels]) for i in range(1, len(sets), channels)]
+
+
 def said(lines, words):
     """Return the times of lines that contain words."""
     return [at for at, line in lines if words in line]
@@ -97,15 +105,29 @@ def test_halves_a_rename_and_a_removal(monkeypatch, tmp_path):
 def test_a_file_that_grows_is_read_once_it_stands_still(monkeypatch, tmp_path):
     """Each part is a whole hit, so that it could be read."""
     folder, data = table(tmp_path), (FOLDER / Z).read_bytes()
-    mark = b"    -1\n" if b"    -1\n" in data else b"    -1\r\n"
-    parts = data.split(mark)
-    sets = [mark + part + mark for part in parts[1::2]]
-    assert b"".join(sets) == data
-    hits = [b"".join(sets[i : i + 7]) for i in range(0, len(sets), 7)]
-    actions = {1 + 0.5 * i: writing(folder / Z, hit) for i, hit in enumerate(hits)}
+    first, hits = datasets(data)
+    actions = {1 + 0.5 * i: writing(folder / Z, part) for i, part in enumerate([first, *hits])}
     lines, _ = watched(monkeypatch, folder, actions, until=max(actions) + 4)
     (at,) = said(lines, f"{Z}: hits at tip -z: 5")
     assert 1.0 <= at - max(actions) <= LATEST
+
+
+def test_a_file_for_each_hit(monkeypatch, tmp_path):
+    """The second is an overload; there are no modes before the third that counts."""
+    folder = table(tmp_path, taps=3, change=lambda line: line.replace(Y, "alpha60_y_*.unv"))
+    rows = [line for line in (folder / "channels.csv").read_text().splitlines() if Z not in line]
+    (folder / "channels.csv").write_text("\n".join(rows))
+    first, hits = datasets((FOLDER / Y).read_bytes())
+    actions = {1.0 + 3 * i: writing(folder / f"alpha60_y_{i + 1}.unv", first + hit) for i, hit in enumerate(hits)}
+    lines, ended = watched(monkeypatch, folder, actions)
+    assert ended
+    assert said(lines, "alpha60_y_1.unv: hits at tip y: 1 of 3")
+    assert said(lines, "2 more hits at tip y")
+    (at,) = said(lines, "alpha60_y_2.unv, hit 1: overload of the force: 250 of a full scale of 250 N")
+    assert at in said(lines, "alpha60_y_2.unv: hits at tip y: 1 of 3")
+    (third,) = said(lines, "alpha60_y_4.unv: hits at tip y: 3 of 3, coherence ")
+    assert min(said(lines, "modes at")) >= third
+    assert not said(lines, "alpha60_y_5.unv")
 
 
 def test_a_sheet_is_filled_and_a_rejected_hit_is_named(monkeypatch, tmp_path):

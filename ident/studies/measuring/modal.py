@@ -256,10 +256,7 @@ def modal_test(
 
 
 def described(
-    folder: Path,
-    channels: "ChannelTable | str | Path | None",
-    arm: "ArmFile | None",
-    options: ModalOptions,
+    folder: Path, channels: "ChannelTable | str | Path | None", arm: "ArmFile | Path | None", options: ModalOptions
 ) -> "tuple[ChannelTable, ArmFile, ChannelTable]":
     """Return the channel table, the arm with its points, and the table with directions in the base frame.
 
@@ -268,6 +265,7 @@ def described(
     """
     from dataclasses import replace
 
+    from ident.description.file import ArmFile
     from ident.measure.channels import ChannelTable, check_folder, read_channels
     from ident.studies.measuring.modal_campaign import in_base_frame, with_places
 
@@ -275,7 +273,7 @@ def described(
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
     counting = any(row.counts for row in table.rows)
     require(counting, table.path, "no row of a response", "at least one", "fill in the column role", "role")
-    file = arm or as_file(folder / ARM, options.soft_base)
+    file = arm if isinstance(arm, ArmFile) else as_file(arm or folder / ARM, options.soft_base)
     placed = with_places(file.arm, table)
     return table, replace(file, arm=placed), in_base_frame(placed, table)
 

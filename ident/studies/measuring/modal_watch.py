@@ -29,7 +29,6 @@ from ident.modal.recorded import place_of, state_of
 from ident.report.words import degrees, percent
 from ident.studies.measuring.modal import ModalOptions, described
 from ident.studies.measuring.modal_report import check_in_words, place_in_words
-from ident.studies.shared import as_file
 
 STILL, PACE = 1.0, 0.5
 """Time [s] for which a file stands still before it is read, and between two looks at the folder."""
@@ -98,15 +97,13 @@ class Watch:
     """
 
     def __init__(self, tests: Path, channels: Path | None, arm: Path | None, options: ModalOptions):
-        given = as_file(arm, options.soft_base) if arm else None
-        table, _, self.table = described(tests, channels, given, options)
+        table, _, self.table = described(tests, channels, arm, options)
         self.folder, self.options, self.steps = tests, options, tuple(steps_of(table))
         self.limit = SHARE * (options.known_reproducibility.share["frequency"] or REPRODUCIBILITY["frequency"])
-        self.seen: dict[str, tuple[object, float]] = {}  # stamp of each file, and since when it stands still
-        self.read: dict[str, Recording | None] = {}  # what stood still; None for what is damaged
-        self.count: dict[Step, float] = {}  # accepted hits
-        self.needed: dict[State, float] = {}  # hits at each step, by the repeatability so far
-        self.stale: dict[State, None] = {}  # states whose modes are to be computed
+        # of each file its stamp and since when it stands still, and what it holds: None if damaged
+        self.seen, self.read = dict[str, tuple[object, float]](), dict[str, Recording | None]()
+        # accepted hits; those that the repeatability needs; states whose modes are still to be computed
+        self.count, self.needed, self.stale = dict[Step, float](), dict[State, float](), dict[State, None]()
         self.job: tuple[State, Future[tuple[list[str], float]]] | None = None
 
     def lines(self) -> Iterator[str]:
@@ -150,7 +147,7 @@ class Watch:
 
     def _tests(self, *steps: Step) -> tuple[AnyTest, ...]:
         """Return the tests of the files of some steps of one state, if there are any."""
-        read = {name: own for name, own in self.read.items() if own and any(step.has(name) for step in steps)}
+        read = {name: own for name, own in list(self.read.items()) if own and any(step.has(name) for step in steps)}
         rows = tuple(row for row in self.table.rows if any(fnmatchcase(name, row.file) for name in read))
         return measured_tests(replace(self.table, rows=rows), read, self.options.processing) if read else ()
 
@@ -169,10 +166,9 @@ class Watch:
         remarks = [remark for test in tests for remark in test.remarks if MOVING in remark or "overload" in remark]
         yield from (line for line in (*rejected, *remarks) if line.startswith(tuple(files)))
         wanted = f" of {step.wanted}" * (step.wanted < math.inf)
-        quality = [f", coherence {coherence_at_modes(test):.3f}" for test in hammer if _hits(test) > 1]
-        yield f"{', '.join(files)}: {step.what}: {self.count[step]}{wanted}{''.join(quality)}".replace(
-            "taps: inf", "read"
-        )
+        words = [f"{step.what}: {self.count[step]}{wanted}" if self.count[step] < math.inf else "read"]
+        words += [f"coherence {coherence_at_modes(test):.3f}" for test in hammer if _hits(test) > 1]
+        yield f"{', '.join(files)}: {', '.join(words)}"
         self.needed.pop(step.state, None)
         if self.job and self.job[0] == step.state and not set(files) <= set(whole):
             self.job = None
@@ -193,8 +189,9 @@ class Watch:
     def _advice(self, state: State) -> str:
         """Say what is left to record at a state, or what comes next."""
         left, own = {step: more for step in self.steps if (more := self._left(step))}, self._steps(state)
-        if here := [f"{left[step]:g} more {step.what}" for step in own if step in left and self.count.get(step)]:
-            return "; ".join(here) if math.inf not in left.values() else "not done: see above"
+        if here := [step for step in own if step in left and self.count.get(step)]:
+            words = "; ".join(f"{left[step]:g} more {step.what}" for step in here)
+            return words if left[here[0]] < math.inf else "not done: see above"
         ahead = sorted(left, key=lambda step: step.state != state)
         done = "done; " * any(self.count.get(step) and step not in left for step in own)
         return f"{done}next {ahead[0].words(own[0])}" if ahead else "done: nothing is left to record"
