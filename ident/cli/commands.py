@@ -648,8 +648,8 @@ def modal_command(
                 output().say(textwrap.fill(one_line(line), 100, **FOLDED))
         except KeyboardInterrupt:
             if missing := sum(not watched.count.get(step) for step in watched.steps):
-                left = f"{missing} of {len(watched.steps)} names of the table are still to be recorded"
-                output().say(f"stopped: {left}; the same command goes on from the recordings in the folder")
+                left = f"{missing} of {len(watched.steps)} names of the table still to be recorded"
+                output().say(f"stopped, {left}; the same command goes on from there")
                 raise typer.Exit(130) from None
     yield modal_test(tests, channels, arm, options)
 

@@ -174,8 +174,8 @@ def test_a_watched_test_ends_as_modal_afterwards(run, folder, sheet, tmp_path):
         copy_slowly(folder / name, sheet / name)
     out, err = process.communicate(timeout=300)
     assert (process.returncode, "Traceback" in err) == (0, False)
-    assert "alpha60_y.unv, hit 2: overload of the force" in out
-    assert "alpha60_z.unv: hits at tip -z: 5 of 5, coherence 0.99" in out
+    assert "alpha60_y.unv, hit 2 rejected: overload of the force" in out
+    assert "alpha60_z.unv: hits at tip -z accepted: 5 of 5, coherence 0.99" in out
     assert "done: nothing is left to record" in out
     assert run("modal", sheet, "--no-figure", f"--out={tmp_path / 'b'}")[0] == 0
     names = files(tmp_path / "a")
@@ -194,11 +194,11 @@ def test_a_stopped_watch_loses_nothing(folder, sheet, tmp_path):
     process = watching(sheet, tmp_path / "a")
     copy(folder / "alpha60_z.unv", sheet)
     said = iter(process.stdout.readline, "")
-    assert any("alpha60_z.unv: hits at tip -z: 5 of 5" in line for line in said)
+    assert any("alpha60_z.unv: hits at tip -z accepted: 5 of 5" in line for line in said)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, "Traceback" in err) == (130, False)
-    assert "stopped: 1 of 2 names of the table are still to be recorded; the same command goes on" in out
+    assert "stopped, 1 of 2 names of the table still to be recorded; the same command goes on" in out
     assert not (tmp_path / "a").exists()
     process = watching(sheet, tmp_path / "a")
     copy(folder / "alpha60_y.unv", sheet)

@@ -92,9 +92,9 @@ def test_halves_a_rename_and_a_removal(monkeypatch, tmp_path):
     lines, ended = watched(monkeypatch, folder, actions, until=24.0)
     assert not ended
     (half,) = said(lines, f"{Z} is not whole yet, or damaged: a damaged or truncated file")
-    first, again = said(lines, f"{Z}: hits at tip -z: 5, coherence ")
+    first, again = said(lines, f"{Z}: hits at tip -z accepted: 5, coherence ")
     gone = said(lines, f"{Z} is gone and no longer counts")
-    assert said(lines, f"{Z}: hits at tip -z: 0") == gone
+    assert said(lines, f"{Z}: hits at tip -z accepted: 0") == gone
     for at, since in ((half, 1.0), (first, 4.0), (again, 13.0)):
         assert 1.0 <= at - since <= LATEST
     assert [at - since for at, since in zip(gone, (10.0, 20.0), strict=True)] == [0.0, 0.0]
@@ -108,7 +108,7 @@ def test_a_file_that_grows_is_read_once_it_stands_still(monkeypatch, tmp_path):
     first, hits = datasets(data)
     actions = {1 + 0.5 * i: writing(folder / Z, part) for i, part in enumerate([first, *hits])}
     lines, _ = watched(monkeypatch, folder, actions, until=max(actions) + 4)
-    (at,) = said(lines, f"{Z}: hits at tip -z: 5")
+    (at,) = said(lines, f"{Z}: hits at tip -z accepted: 5")
     assert 1.0 <= at - max(actions) <= LATEST
 
 
@@ -121,11 +121,11 @@ def test_a_file_for_each_hit(monkeypatch, tmp_path):
     actions = {1.0 + 3 * i: writing(folder / f"alpha60_y_{i + 1}.unv", first + hit) for i, hit in enumerate(hits)}
     lines, ended = watched(monkeypatch, folder, actions)
     assert ended
-    assert said(lines, "alpha60_y_1.unv: hits at tip y: 1 of 3")
+    assert said(lines, "alpha60_y_1.unv: hits at tip y accepted: 1 of 3")
     assert said(lines, "2 more hits at tip y")
-    (at,) = said(lines, "alpha60_y_2.unv, hit 1: overload of the force: 250 of a full scale of 250 N")
-    assert at in said(lines, "alpha60_y_2.unv: hits at tip y: 1 of 3")
-    (third,) = said(lines, "alpha60_y_4.unv: hits at tip y: 3 of 3, coherence ")
+    (at,) = said(lines, "alpha60_y_2.unv, hit 1 rejected: overload of the force: 250 of a full scale of 250 N")
+    assert at in said(lines, "alpha60_y_2.unv: hits at tip y accepted: 1 of 3")
+    (third,) = said(lines, "alpha60_y_4.unv: hits at tip y accepted: 3 of 3, coherence ")
     assert min(said(lines, "modes at")) >= third
     assert not said(lines, "alpha60_y_5.unv")
 
@@ -134,9 +134,9 @@ def test_a_sheet_is_filled_and_a_rejected_hit_is_named(monkeypatch, tmp_path):
     folder = table(tmp_path, taps=5)
     lines, ended = watched(monkeypatch, folder, {1.0: copying(folder, Z), 8.0: copying(folder, Y)})
     assert ended
-    assert said(lines, f"{Z}: hits at tip -z: 5 of 5, coherence ")
+    assert said(lines, f"{Z}: hits at tip -z accepted: 5 of 5, coherence ")
     assert said(lines, "done; next (60, -120, 60) deg, hits at tip y (alpha60_y.unv)")
-    assert said(lines, f"{Y}, hit 2: overload of the force: 250 of a full scale of 250 N")
+    assert said(lines, f"{Y}, hit 2 rejected: overload of the force: 250 of a full scale of 250 N")
     assert lines[-1][1] == "done: nothing is left to record"
 
 
@@ -190,6 +190,6 @@ def test_taps_are_counted_in_all_files_of_a_posture(monkeypatch, tmp_path):
     actions = {3.0: lambda: (more / "taps.h5").rename(tmp_path / "taps2.h5")}
     lines, ended = watched(monkeypatch, tmp_path, actions, ModalOptions())
     assert ended
-    assert said(lines, "taps.h5: taps: 2 of 4")
-    assert said(lines, "taps2.h5: taps: 4 of 4")
+    assert said(lines, "taps.h5: taps accepted: 2 of 4")
+    assert said(lines, "taps2.h5: taps accepted: 4 of 4")
     assert len(said(lines, "modes at (60, -120, 60) deg [Hz]: ")) == 2

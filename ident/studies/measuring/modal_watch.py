@@ -162,11 +162,11 @@ class Watch:
             self.count[step] = 0
             yield from map(str, error.problems)
         hammer = [test for test in tests if isinstance(test, ModalTest)]
-        rejected = [f"{each.file}, hit {each.number}: {each.reason}" for test in hammer for each in test.rejected]
+        rejected = [f"{hit.file}, hit {hit.number} rejected: {hit.reason}" for test in hammer for hit in test.rejected]
         remarks = [remark for test in tests for remark in test.remarks if MOVING in remark or "overload" in remark]
         yield from (line for line in (*rejected, *remarks) if line.startswith(tuple(files)))
         wanted = f" of {step.wanted}" * (step.wanted < math.inf)
-        words = [f"{step.what}: {self.count[step]}{wanted}" if self.count[step] < math.inf else "read"]
+        words = [f"{step.what} accepted: {self.count[step]}{wanted}" if self.count[step] < math.inf else "read"]
         words += [f"coherence {coherence_at_modes(test):.3f}" for test in hammer if _hits(test) > 1]
         yield f"{', '.join(files)}: {', '.join(words)}"
         self.needed.pop(step.state, None)
@@ -212,8 +212,8 @@ class Watch:
                     lines.append(f"{hertz:.2f} Hz repeats to {percent(share.max())}, wanted {percent(self.limit)}")
                 if isinstance(test, ModalTest):
                     wrong = [f"{check_in_words(check)}: {check.remedy}" for check in test.checks if not check.good]
-                    if coherence_at_modes(test) < COHERENT:
-                        wrong.append(f"coherence below {COHERENT:g}: look for noise and loose sensors")
+                    low = coherence_at_modes(test) < COHERENT
+                    wrong += [f"coherence below {COHERENT:g}: look for noise and loose sensors"] * low
                     lines, needed = [*lines, *wrong], math.inf if wrong else needed
         except InputError as error:
             return [*lines, *map(str, error.problems)], math.inf
