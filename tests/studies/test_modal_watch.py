@@ -122,7 +122,7 @@ def test_a_file_for_each_hit(monkeypatch, tmp_path):
     lines, ended = watched(monkeypatch, folder, actions)
     assert ended
     assert said(lines, "alpha60_y_1.unv: hits at tip y accepted: 1 of 3")
-    assert said(lines, "2 more hits at tip y")
+    assert said(lines, "hits at tip y: 2 more")
     (at,) = said(lines, "alpha60_y_2.unv, hit 1 rejected: overload of the force: 250 of a full scale of 250 N")
     assert at in said(lines, "alpha60_y_2.unv: hits at tip y accepted: 1 of 3")
     (third,) = said(lines, "alpha60_y_4.unv: hits at tip y accepted: 3 of 3, coherence ")
@@ -140,7 +140,7 @@ def test_a_sheet_is_filled_and_a_rejected_hit_is_named(monkeypatch, tmp_path):
     assert lines[-1][1] == "done: nothing is left to record"
 
 
-@pytest.mark.parametrize(("share", "end"), [(0.02, "done: nothing is left to record"), (0.0002, "more hits at tip -z")])
+@pytest.mark.parametrize(("share", "end"), [(0.02, "done: nothing is left to record"), (0.0002, "hits at tip -z: ")])
 def test_repeatability_says_how_many_hits_are_left(monkeypatch, tmp_path, share, end):
     folder = table(tmp_path)
     options = ModalOptions(band=(2.0, 20.0), reproducibility={"frequency": share})

@@ -190,7 +190,7 @@ class Watch:
         """Say what is left to record at a state, or what comes next."""
         left, own = {step: more for step in self.steps if (more := self._left(step))}, self._steps(state)
         if here := [step for step in own if step in left and self.count.get(step)]:
-            words = "; ".join(f"{left[step]:g} more {step.what}" for step in here)
+            words = "; ".join(f"{step.what}: {left[step]:g} more" for step in here)
             return words if left[here[0]] < math.inf else "not done: see above"
         ahead = sorted(left, key=lambda step: step.state != state)
         done = "done; " * any(self.count.get(step) and step not in left for step in own)
