@@ -63,7 +63,7 @@ TYPES: dict[type, tuple[Any, str]] = {
 """Accepted types in the file for each type of flag, and their description."""
 LONGEST_SHOWN = 90
 """Longest value repeated in a message [characters]."""
-NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force")
+NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force", "watch")
 """Flags that a file can't set: they apply to one call."""
 
 
@@ -212,7 +212,7 @@ MAIN: Mapping[str, str] = {
     "diagnose": "limit settled speed path runs restart",
     "explore": "speed load fit posterior payload",
     "fleet": "workers fix free strict",
-    "modal": "init channels no_modes reproducibility",
+    "modal": "init watch channels no_modes reproducibility",
 }
 """Main flags by command: its help shows these and `ALWAYS`, and `--help-all` the rest."""
 ALWAYS = ("arm", "out", "details", "json", "page", "pdf")

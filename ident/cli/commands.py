@@ -628,6 +628,7 @@ def modal_command(
     channels: flag("channel table, a CSV file; default: channels.csv in the folder") = None,
     arm: flag("arm description; default: arm.toml in the folder", "--arm") = None,
     init: Annotated[bool, typer.Option("--init", help="write the channel table to fill in, and stop")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="judge each file as it comes")] = False,
     out: OutOption = Path("out"),
 ) -> "Iterator[Result]":
     """Make a campaign of a hammer test, or of one without force.
@@ -639,6 +640,18 @@ def modal_command(
     if init:
         to_fill_in(*new_channels(tests, channels, arm), f"modal {as_word(tests)}")
         return
+    if watch:
+        from ident.studies.measuring.modal_watch import Watch
+
+        watched = Watch(tests, channels, arm, options)
+        try:
+            for line in watched.lines():
+                output().say(textwrap.fill(one_line(line), 100, **FOLDED))
+        except KeyboardInterrupt:
+            if missing := sum(not watched.count.get(step) for step in watched.steps):
+                left = f"{missing} of {len(watched.steps)} names of the table still to be recorded"
+                output().say(f"stopped, {left}; the same command goes on from there")
+                raise typer.Exit(130) from None
     yield modal_test(tests, channels, arm, options)
 
 

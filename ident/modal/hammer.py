@@ -37,6 +37,7 @@ REBOUND = 0.05
 """Level down to which the force belongs to a hit, as a share of its peak; assumed."""
 QUIET = 8
 """Parts of a record, in the quietest of which the noise is found: a burst may fill most of it; assumed."""
+SILENT = "no pulse of the force"
 ENDLESS = "the force does not end within its record"
 ONGOING = 0.02
 """Share at the end of a record in which a force counts as one that does not end; assumed."""
@@ -84,15 +85,15 @@ def find_hits(force: np.ndarray, step: float, rest: float) -> list[Hit]:
         rest: [s] least time between hits.
 
     Returns:
-        The hits in order; one whose force does not end with its flaw.
+        The hits in order; one whose force does not end, or a record without any, with its flaw.
     """
     if len(force) == 1:
-        return list(_of_record(force[0], step, rest))
+        return list(_of_record(force[0], step, rest)) or [Hit(0, 0, 0, force.shape[1], flaw=SILENT)]
     level = PULSE * np.median(np.abs(force).max(1))
     return [
         _hit(number, (0, len(block)), block, NOISE * _noise(block))
         if np.abs(block).max() > max(level, NOISE * _noise(block)) and _stands_out(block)
-        else Hit(number, 0, 0, len(block), flaw="no pulse of the force")
+        else Hit(number, 0, 0, len(block), flaw=SILENT)
         for number, block in enumerate(force)
     ]
 
@@ -257,10 +258,9 @@ def spectra(source: Source, hits: list[Hit], count: int, decay: float) -> Spectr
             continue
         good.append(_transformed(source, record, decay))
         moving += [number] if _moves(record) else []
-    if not good:
-        reasons = "; ".join(f"hit {each.number}: {each.reason}" for each in rejected) or "no pulse of the force"
-        raise refusal(one_line(source.file), f"no good hit ({reasons})", "at least one", "repeat the hits")
-    force, response = (np.array(each) for each in zip(*good, strict=True))
+    lines = count // 2 + 1
+    force = np.reshape([each for each, _ in good], (-1, lines))
+    response = np.reshape([each for _, each in good], (-1, len(source.responses), lines))
     return Spectra(source, force, response, rejected, moving)
 
 
@@ -419,16 +419,19 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
     """Return the test of recorded forces and responses."""
     step = group[0].step
     hits = [find_hits(source.force, step, processing.rest) for source in group if source.force is not None]
-    for source, each in zip(group, hits, strict=True):
-        remedy = "look at the cable of the hammer and which channel is the force, or hit harder"
-        any_hit = any(hit.end for hit in each)
-        require(any_hit, one_line(source.file), "no pulse of the force", "at least one hit", remedy)
+    remedy = "look at the cable of the hammer and which channel is the force, or hit harder"
+    any_hit = any(hit.end for each in hits for hit in each)
+    require(any_hit, one_line(group[0].file), SILENT, "at least one hit", remedy)
     count = min(hit.until - hit.begin for each in hits for hit in each if not hit.flaw or hit.end)
     where, got = one_line(group[0].file), f"{max(count, 0)} samples behind a hit"
     require(count >= FEWEST, where, got, f"at least {FEWEST}", "record for longer after each hit")
     decay = max(source.decay for source in group)
     decay += exponential_decay(count * step, processing.window_end, decay)
     every = [spectra(source, each, count, decay) for source, each in zip(group, hits, strict=True)]
+    for own in by_key((each.source.reference, each) for each in every).values():
+        reasons = "; ".join(f"hit {each.number}: {each.reason}" for part in own for each in part.rejected)
+        any_good, file = any(len(part.force) for part in own), one_line(own[0].source.file)
+        require(any_good, file, f"no good hit ({reasons})", "at least one", "repeat the hits")
     frequency = np.fft.rfftfreq(count, step)
     kept = excited(every, processing.band, frequency, 1 / step)
     require(kept.sum() >= 2, where, f"{kept.sum()} excited lines", "at least two", "widen the band (`band`)")

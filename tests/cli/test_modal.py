@@ -1,15 +1,20 @@
 """`ident modal`: files of a hammer test to frequency responses, and the channel table to fill in."""
 
 import re
+import signal
+import subprocess
 import sys
+import time
 import warnings
 from shutil import copy
 
+import h5py
 import numpy as np
 import pytest
 from commands import files
 from hammer_files import FOLDER
 from reports import assert_one_screen
+from results import TIME
 from tapped import tapped, write_taps
 
 from ident.cli.running import start
@@ -140,3 +145,75 @@ def test_taps_without_a_force_go_the_same_way(run, tmp_path):
     code, _, err = run("modal", made, "--out=newer")
     assert code == 2
     assert "excitation: got 'knock', expected one of ambient, tap, release" in err
+
+
+@pytest.fixture
+def sheet(folder, tmp_path):
+    """The table of the posture, with five hits for each place, and its recordings to come."""
+    made = tmp_path / "sheet" / "tests"
+    made.mkdir(parents=True)
+    copy(folder / "arm.toml", made)
+    lines = [line for line in (folder / "channels.csv").read_text().splitlines() if not line.startswith("#")]
+    (made / "channels.csv").write_text("\n".join(f"{line},{5 if i else 'taps'}" for i, line in enumerate(lines)))
+    return made
+
+
+def watching(folder, out):
+    """`ident modal --watch` as a process."""
+    line = [sys.executable, "-m", "ident", "modal", str(folder), "--watch", "--no-figure", f"--out={out}"]
+    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def copy_slowly(source, to, parts=5, pause=0.4):
+    data = source.read_bytes()
+    with to.open("wb") as file:
+        for i in range(parts):
+            file.write(data[i * len(data) // parts : (i + 1) * len(data) // parts])
+            file.flush()
+            time.sleep(pause)
+
+
+def test_a_watched_test_ends_as_modal_afterwards(run, folder, sheet, tmp_path):
+    """To the bit, but for the time of writing."""
+    process = watching(sheet, tmp_path / "a")
+    for name in ("alpha60_y.unv", "alpha60_z.unv"):
+        copy_slowly(folder / name, sheet / name)
+    out, err = process.communicate(timeout=300)
+    assert (process.returncode, "Traceback" in err) == (0, False)
+    assert "alpha60_y.unv, hit 2 rejected: overload of the force" in out
+    assert "alpha60_z.unv: hits at tip -z accepted: 5 of 5, coherence 0.99" in out
+    assert "done: nothing is left to record" in out
+    assert run("modal", sheet, "--no-figure", f"--out={tmp_path / 'b'}")[0] == 0
+    names = files(tmp_path / "a")
+    assert (
+        names == files(tmp_path / "b") == [f"tests.modal{end}" for end in (".covariance.csv", ".csv", ".json", ".nc")]
+    )
+    for name in names[:3]:
+        one, other = (TIME.sub("", (tmp_path / each / name).read_text()).replace(f"/{each}/", "/OUT/") for each in "ab")
+        assert one == other, name
+    one, other = (h5py.File(tmp_path / each / names[3]) for each in "ab")
+    assert one.keys() == other.keys()
+    assert all(one[key][()].tobytes() == other[key][()].tobytes() for key in one if one[key].dtype.kind == "f")
+
+
+def test_a_stopped_watch_loses_nothing(folder, sheet, tmp_path):
+    process = watching(sheet, tmp_path / "a")
+    copy(folder / "alpha60_z.unv", sheet)
+    said = iter(process.stdout.readline, "")
+    assert any("alpha60_z.unv: hits at tip -z accepted: 5 of 5" in line for line in said)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, "Traceback" in err) == (130, False)
+    assert "stopped, 1 of 2 names of the table still to be recorded; the same command goes on" in out
+    assert not (tmp_path / "a").exists()
+    process = watching(sheet, tmp_path / "a")
+    copy(folder / "alpha60_y.unv", sheet)
+    assert "done: nothing is left to record" in process.communicate(timeout=300)[0]
+    assert process.returncode == 0
+
+
+def test_what_cannot_be_watched_is_refused(run, tmp_path):
+    for place, words in ((tmp_path / "none", "no such folder"), (tmp_path, "channels.csv")):
+        code, out, err = run("modal", place, "--watch")
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert words in err

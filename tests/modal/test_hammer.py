@@ -376,6 +376,25 @@ def test_hits_of_two_files_are_hits_of_one_test():
     np.testing.assert_allclose(test.frf.hits, together.frf.hits, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda force: np.clip(force, 0, 0.7 * force.max()), "overload of the force"),
+        (np.zeros_like, "no pulse of the force"),
+    ],
+)
+def test_a_file_without_a_good_hit_is_rejected_where_its_place_has_another(change, reason):
+    """As of an analyser that writes a file for each hit."""
+    force, answer = blocks(4)
+    force[1] = change(force[1]) + 1e-4 * np.random.default_rng(5).standard_normal(COUNT) * (reason[0] == "n")
+    names = {f"{k}.uff": recording(force[k:k + 1], answer[k:k + 1])["a.uff"] for k in range(4)}  # fmt: skip
+    rows = ChannelTable("channels.csv", "", tuple(replace(each, file="?.uff") for each in table().rows))
+    (test,) = modal_tests(rows, names)
+    assert [(each.file, each.number, each.reason.partition(":")[0]) for each in test.rejected] == [("1.uff", 1, reason)]
+    (others,) = modal_tests(rows, {name: each for name, each in names.items() if name != "1.uff"})
+    np.testing.assert_array_equal(test.frf.hits, others.frf.hits)
+
+
 def test_fewer_good_hits_at_one_point_are_said():
     force, answer = blocks(4)
     made = {"a.uff": recording(force, answer)["a.uff"], "b.uff": recording(force[:2], answer[:2])["a.uff"]}

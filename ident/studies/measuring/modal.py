@@ -220,26 +220,20 @@ def modal_test(
     """
     from dataclasses import replace
 
-    from ident.measure.channels import ARM, CHANNELS, ChannelTable, check_folder, read_channels, recordings_of
+    from ident.measure.channels import recordings_of
     from ident.measure.recordings.recording import SourceFile
     from ident.modal.ambient import measured_tests
     from ident.modal.finished import finished_tests
     from ident.studies.measuring.modal_campaign import (
-        in_base_frame,
         modal_campaign,
         observed_reproducibility,
         with_effect,
-        with_places,
     )
 
     folder = Path(tests)
     reproducibility = options.known_reproducibility  # refused before any file is read
-    check_folder(folder)
-    table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
+    table, arm, based = described(folder, channels, arm, options)
     recordings = recordings_of(folder, table, options.columns)
-    arm = arm or as_file(folder / ARM, options.soft_base)
-    placed = with_places(arm.arm, table)
-    based = in_base_frame(placed, table)
     measured = measured_tests(based, recordings, options.processing)
     files = {"channels": SourceFile(table.path, table.sha256)}
     finished = finished_tests(based, recordings, options.sigma, options.frequency_is)
@@ -247,10 +241,8 @@ def modal_test(
     files |= {
         name: SourceFile(each.path, each.sha256, each.remarks) for name, each in recordings.items() if name in used
     }
-    if not measured and not finished:
-        raise refusal(table.path, "no row of a response", "at least one", "fill in the column role", "role")
-    identified, named = _identified(placed, (measured, finished), options)
-    result = ModalResult(replace(arm, arm=placed), measured, identified, finished, named, None, files, options)
+    identified, named = _identified(arm.arm, (measured, finished), options)
+    result = ModalResult(arm, measured, identified, finished, named, None, files, options)
     if options.no_modes:
         return result
     every: tuple[ModalTest | AmbientTest | FinishedTest, ...] = (*measured, *finished)
@@ -259,6 +251,29 @@ def modal_test(
     campaign = modal_campaign(name, every, modes, shapes=options.shapes, reproducibility=shown)
     identified = tuple(with_effect(each, shown) for each in identified)
     return replace(result, identified=identified, campaign=campaign, reproducibility=shown)
+
+
+def described(
+    folder: Path, channels: "ChannelTable | str | Path | None", arm: "ArmFile | Path | None", options: ModalOptions
+) -> "tuple[ChannelTable, ArmFile, ChannelTable]":
+    """Return the channel table, the arm with its points, and the table with directions in the base frame.
+
+    Raises:
+        InputError: no such folder, or table or arm is wrong.
+    """
+    from dataclasses import replace
+
+    from ident.description.file import ArmFile
+    from ident.measure.channels import ARM, CHANNELS, ChannelTable, check_folder, read_channels
+    from ident.studies.measuring.modal_campaign import in_base_frame, with_places
+
+    check_folder(folder)
+    table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
+    counting = any(row.counts for row in table.rows)
+    require(counting, table.path, "no row of a response", "at least one", "fill in the column role", "role")
+    file = arm if isinstance(arm, ArmFile) else as_file(arm or folder / ARM, options.soft_base)
+    placed = with_places(file.arm, table)
+    return table, replace(file, arm=placed), in_base_frame(placed, table)
 
 
 def _identified(

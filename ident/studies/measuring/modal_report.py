@@ -135,6 +135,11 @@ def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[Iden
     return Verdict("DOUBTFUL", reason, "bad") if doubtful else Verdict("GOOD", reason, "good")
 
 
+def check_in_words(check: Check) -> str:
+    """Write a check with its places, value and limit."""
+    return f"{check.name}, {_places(check)}: {check.value:.1%} (at most {check.limit:.0%})".replace("%", " %")
+
+
 def _places(check: Check) -> str:
     return " and ".join(map(place_in_words, check.places))
 
@@ -165,8 +170,7 @@ def _findings(
     for number, test in enumerate(tests, 1):
         for check in test.checks if isinstance(test, ModalTest) else ():
             if not check.good:
-                size = f"{check.value:.1%} (at most {check.limit:.0%})".replace("%", " %")
-                yield Finding(f"posture {number}: {check.name}, {_places(check)}: {size}", check.remedy)
+                yield Finding(f"posture {number}: {check_in_words(check)}", check.remedy)
     if not moving and any(isinstance(each.modes, Modes) and each.modes.doubtful for each in identified):
         text = "the hits scatter otherwise than their noise says, so the std. errors are in doubt"
         yield Finding(text, "hit at the same place and in the same direction each time; look for loose sensors")
