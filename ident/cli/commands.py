@@ -142,9 +142,8 @@ def plan_command(
 ) -> "Iterator[Result]":
     """Rank what to measure next, and the errors to expect.
 
-    Writes CAMPAIGN.plan.json, CAMPAIGN.plan.csv (a campaign to fill in) and CAMPAIGN.plan.png into the folder given by
-    --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file. --sheet also writes
-    CAMPAIGN.plan.sheet, a folder with a page to measure by, where ident modal finds the recordings.
+    Writes CAMPAIGN.plan.json, .csv (a campaign to fill in), .png and, with --sheet, CAMPAIGN.plan.sheet, a folder to
+    measure by, into --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file.
     """
     from ident.measure.table import FOREIGN
 
@@ -649,7 +648,7 @@ def modal_command(
                 output().say(textwrap.fill(one_line(line), 100, **FOLDED))
         except KeyboardInterrupt:
             if missing := sum(not watched.count.get(step) for step in watched.steps):
-                left = f"{missing} of {len(watched.steps)} names of the table still to be recorded"
+                left = f"{missing} of {len(watched.steps)} names of the table without a good recording"
                 output().say(f"stopped, {left}; the same command goes on from there")
                 raise typer.Exit(130) from None
     yield modal_test(tests, channels, arm, options)

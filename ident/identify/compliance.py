@@ -58,8 +58,9 @@ class ToolCompliance:
 
     @cached_property
     def response(self) -> Receptance | None:
-        """Response to a harmonic force; None without damping."""
-        return receptance(self.arms[0], self.arms[1:], self.top) if np.any(self.arms[0].C) else None
+        """Response to a harmonic force; None where a mode is not damped."""
+        damped = all(each.is_damped(self.top) for each in self.arms)
+        return receptance(self.arms[0], self.arms[1:], self.top) if damped else None
 
     @cached_property
     def band(self) -> Float[np.ndarray, "2 6 6"]:

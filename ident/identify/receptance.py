@@ -23,6 +23,8 @@ from ident.programs import AnyArray
 EVENLY, NEAR, WITHIN = 300, np.linspace(-4, 4, 21), 65
 """Frequencies of a response: the number of evenly spaced ones; those near a mode, in its half widths; the number about
 a peak, whose size they make right to 1e-4."""
+UNDAMPED = 1e-6
+"""Damping ratio below which a mode counts as undamped: it rings for 100,000 periods; assumed."""
 
 
 class PointSystem(NamedTuple):
@@ -43,11 +45,21 @@ class PointSystem(NamedTuple):
         s, J = 2j * np.pi * frequency[:, None, None], self.J[:, :3]
         return np.einsum("nk,fnk->kf", J, np.linalg.solve(np.eye(len(J)) + s * self.C + s * s * self.M, J))
 
+    def modes(self) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+        """Return the natural frequencies [rad/s] and the damping ratio of each mode, as if it were alone."""
+        squared, Q = np.linalg.eigh(self.M)  # 1 / omega^2
+        omega = np.abs(squared) ** -0.5
+        return omega, np.einsum("im,ij,jm->m", Q, self.C, Q) * omega / 2
+
+    def is_damped(self, top: float) -> bool:
+        """Whether all modes up to a frequency [Hz] are damped; else their peaks have no size."""
+        omega, ratio = self.modes()
+        return bool((ratio[omega < 2 * np.pi * top] > UNDAMPED).all())
+
     def grid(self, top: float) -> Float[np.ndarray, "F"]:
         """Return frequencies [Hz] from zero to a highest one: evenly, and denser near the modes."""
-        values, Q = np.linalg.eigh(self.M)  # 1 / omega^2
-        half_width = np.einsum("im,ij,jm->m", Q, self.C, Q) / (2 * np.abs(values))
-        near = (np.abs(values) ** -0.5 + half_width * NEAR[:, None]) / (2 * np.pi)
+        omega, ratio = self.modes()
+        near = omega * (1 + ratio * NEAR[:, None]) / (2 * np.pi)
         return np.unique(np.append(np.linspace(0, top, EVENLY), near[(near > 0) & (near < top)]))
 
     def peaks(self, top: float) -> Float[np.ndarray, "2 3"]:

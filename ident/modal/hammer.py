@@ -428,7 +428,8 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
     decay = max(source.decay for source in group)
     decay += exponential_decay(count * step, processing.window_end, decay)
     every = [spectra(source, each, count, decay) for source, each in zip(group, hits, strict=True)]
-    for own in by_key((each.source.reference, each) for each in every).values():
+    pairs = (((each.source.reference, one.place), each) for each in every for one in each.source.responses)
+    for own in by_key(pairs).values():
         reasons = "; ".join(f"hit {each.number}: {each.reason}" for part in own for each in part.rejected)
         any_good, file = any(len(part.force) for part in own), one_line(own[0].source.file)
         require(any_good, file, f"no good hit ({reasons})", "at least one", "repeat the hits")

@@ -141,11 +141,17 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
 
 
 def rows_of(table: ChannelTable, name: str, recording: Recording) -> list[ChannelRow]:
-    """Return the rows of a file; a number that is no name of a channel counts its channels, without those of times."""
-    known = {str(i): each for i, each in enumerate((n for n in recording.names if not TIMES.fullmatch(n)), 1)}
+    """Return the rows of a file; a number that is no name of a channel counts its channels, without clocks."""
+    clocks = {each.name for each in recording.channels if TIMES.fullmatch(each.name) or _rises(each.values)}
+    known = {str(i): each for i, each in enumerate((n for n in recording.names if n not in clocks), 1)}
     known |= {each: each for each in recording.names}
     rows = (row for row in table.rows if fnmatchcase(name, row.file))
     return [replace(row, channel=known.get(row.channel, row.channel)) for row in rows]
+
+
+def _rises(values: np.ndarray) -> bool:
+    """Whether each sample is above the one before, as of times and counters under any name, and of no vibration."""
+    return bool(not np.iscomplexobj(values) and values.shape[-1] > SOME and (np.diff(values) > 0).all())
 
 
 def _nodes_alone(name: str, rows: list[ChannelRow], recordings: Mapping[str, Recording]) -> Iterator[Problem]:
@@ -346,6 +352,8 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
     refuse(problems)
 
 
+SOME = 16
+"""Samples in a row of which each is above the one before, in no vibration; assumed."""
 STATE = {"posture": "q1", "load": "load", "drives": "drives"}
 """State of the arm: fields of a row, each with its column."""
 WINDOW = {**STATE, "decay": "decay"}

@@ -154,3 +154,6 @@ def test_without_damping_there_is_none():
     (joint,) = arm.joints
     bare = replace(arm, joints=(replace(joint, tau_bend=None, tau_tors=None),))
     assert tool_compliance(modal_analysis(bare, (0.0,))).response is None
+
+    lifted = replace(arm, joints=(replace(joint, tau_bend=jnp.array(0.0), k_bend=jnp.array(2 * K)),))
+    assert tool_compliance(modal_analysis(lifted, (0.0,))).response is None, "one mode is not damped"

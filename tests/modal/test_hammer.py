@@ -13,6 +13,7 @@ from ident.measure.recordings import Channel, Recording
 from ident.modal.frf import Processing
 from ident.modal.hammer import modal_tests
 from ident.modal.modes import modes_of
+from ident.modal.recorded import rows_of
 
 STEP, COUNT = 1e-3, 8000
 FREQUENCY, RATIO, MASS = 6.0, 0.02, 10.0
@@ -395,6 +396,15 @@ def test_a_file_without_a_good_hit_is_rejected_where_its_place_has_another(chang
     np.testing.assert_array_equal(test.frf.hits, others.frf.hits)
 
 
+def test_a_roving_sensor_without_a_good_hit_is_refused_by_its_file():
+    """Its place has no other file, though the force's place has."""
+    force, answer = blocks(4)
+    silent = 1e-4 * np.random.default_rng(5).standard_normal(force.shape)
+    made = {"a.uff": recording(force, answer)["a.uff"], "b.uff": recording(silent, answer)["a.uff"]}
+    rows = table(row("z", "response", file="b.uff", point="elbow"), row("f", "force", file="b.uff"))
+    assert "b.uff: got no good hit (hit 1: no pulse of the force" in refused(rows, made)
+
+
 def test_fewer_good_hits_at_one_point_are_said():
     force, answer = blocks(4)
     made = {"a.uff": recording(force, answer)["a.uff"], "b.uff": recording(force[:2], answer[:2])["a.uff"]}
@@ -544,3 +554,16 @@ def test_a_line_is_left_out_only_where_all_hits_at_a_point_are_weak():
         assert test.frf.frequency[-1] > 35
     assert weak["alike"] > 0.3
     assert weak["different"] < 0.1
+
+
+@pytest.mark.parametrize("clock", ["timestamp", "X_Value", "Index"])
+def test_numbers_of_channels_pass_over_a_clock_of_any_name(clock):
+    """And over nothing else: a slow drift rises, but not at every sample."""
+    force, answer = blocks()
+    drifting = (
+        answer + np.linspace(0, 1, answer.shape[-1]) + 0.01 * np.random.default_rng(0).standard_normal(answer.shape)
+    )
+    channels = [Channel(clock, np.broadcast_to(np.arange(float(force.shape[-1])), force.shape))]
+    channels += [Channel("z", drifting), Channel("f", force)]
+    numbered = ChannelTable("channels.csv", "", (row("1", "response"), row("2", "force")))
+    assert [each.channel for each in rows_of(numbered, "a.uff", Recording("a.uff", "", tuple(channels)))] == ["z", "f"]

@@ -24,10 +24,11 @@ for place, value in {
 
 
 def recovery(held=(95, 93, 96), intervals=(100, 98, 100), alarms=2, power=(0.99, 0.97, None), row_off=18):
-    numbers = zip(NAMES, (0.001, -0.02, 0.0015), (0.002, 0.01, 0.0005), held, intervals, power, strict=True)
+    bias, errors, level = (0.001, -0.02, 0.0015), (0.002, 0.01, 0.0005), (0.95,) * 3
+    numbers = zip(NAMES, bias, errors, held, intervals, level, power, strict=True)
     rates = tuple(dict(zip(RATES, row, strict=True)) for row in numbers)
     noticed = {RIGHT: (alarms, 100), CHANGED: (17, 20), "one row 6 sigma off": (row_off, 20), "labels swapped": (0, 0)}
-    return Recovery(FIT, rates, noticed, 17.4)
+    return Recovery(FIT, "prior", rates, noticed, 17.4)
 
 
 def test_right_intervals_are_recovered():

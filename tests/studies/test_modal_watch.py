@@ -1,8 +1,10 @@
 """`ident modal --watch`: what it says while files come slowly, in halves, are renamed and go; on a clock of its own."""
 
 import math
+import os
 import shutil
 from concurrent.futures import wait
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hammer_files import FOLDER
 from tapped import tapped, write_taps
 
 from ident.errors import InputError
+from ident.modal.ambient import AmbientTest
 from ident.studies.measuring import modal_watch
 from ident.studies.measuring.modal import ModalOptions
 from ident.studies.measuring.modal_watch import Watch, steps_of
@@ -160,14 +163,14 @@ def test_a_wrong_direction_is_said_before_the_next_posture(monkeypatch, tmp_path
 
 def test_steps_are_the_narrowest_names_of_a_table(tmp_path):
     watch = Watch(table(tmp_path, taps=4), None, None, OPTIONS)
-    assert [(step.pattern, step.what, step.wanted) for step in watch.steps] == [
-        (Z, "hits at tip -z", 4),
-        (Y, "hits at tip y", 4),
+    assert [(step.patterns, step.what, step.wanted) for step in watch.steps] == [
+        ((Z,), "hits at tip -z", 4),
+        ((Y,), "hits at tip y", 4),
     ]
     assert watch.steps[0].words().endswith("sensors at tip x, tip y, tip z, elbow x, elbow y, elbow z (alpha60_z.unv)")
     assert watch.steps[1].words(watch.steps[0]) == "(60, -120, 60) deg, hits at tip y (alpha60_y.unv)"
     assert [step.wanted for step in Watch(table(tmp_path), None, None, OPTIONS).steps] == [math.inf] * 2
-    assert [step.pattern for step in steps_of(watch.table)] == [Z, Y]
+    assert [step.patterns for step in steps_of(watch.table)] == [(Z,), (Y,)]
 
 
 def test_a_folder_or_a_table_that_is_missing_is_refused_at_once(tmp_path):
@@ -193,3 +196,50 @@ def test_taps_are_counted_in_all_files_of_a_posture(monkeypatch, tmp_path):
     assert said(lines, "taps.h5: taps accepted: 2 of 4")
     assert said(lines, "taps2.h5: taps accepted: 4 of 4")
     assert len(said(lines, "modes at (60, -120, 60) deg [Hz]: ")) == 2
+
+
+def test_a_name_for_each_hit_is_one_step_and_equal_patterns_are_kept(tmp_path):
+    folder = table(tmp_path)
+    text = (folder / "channels.csv").read_text().splitlines()
+    forces = [line for line in text if line.startswith(Y)]
+    each = [line.replace(Y, f"alpha60_{hit}.unv") for hit in "abc" for line in forces]
+    (folder / "channels.csv").write_text(
+        "\n".join([*(line for line in text if not {Z, Y} & {*line.split(",")}), *each])
+    )
+    (step,) = Watch(folder, None, None, OPTIONS).steps
+    assert step.patterns == ("alpha60_a.unv", "alpha60_b.unv", "alpha60_c.unv")
+    both = [line.replace(Y, "alpha60_**") for line in forces]
+    (folder / "channels.csv").write_text("\n".join([*(line for line in text if Z not in line), *both]))
+    assert Watch(folder, None, None, OPTIONS).steps
+
+
+def test_a_corrected_table_is_read_again_and_a_link_to_nothing_stops_nothing(monkeypatch, tmp_path):
+    folder = table(tmp_path)
+    rows = (folder / "channels.csv").read_text()
+    (folder / "alpha60_link.unv").symlink_to(tmp_path / "nowhere")
+    (folder / "channels.csv").write_text(rows.replace("1:-Z force", "1:+Z force"))
+
+    def correct():
+        (folder / "channels.csv").write_text(rows)
+        os.utime(folder / "channels.csv", ns=(1, 1))
+
+    lines, _ = watched(monkeypatch, folder, {1.0: copying(folder, Z), 8.0: correct}, until=16.0)
+    assert max(said(lines, "1:+Z force")) < 8.0
+    (at,) = said(lines, "channels.csv has changed: all recordings are read again")
+    assert 8.0 <= at <= 8.5
+    assert said(lines, f"{Z}: hits at tip -z accepted: 5, coherence ")
+
+
+def test_taps_of_two_places_share_what_a_repeatability_needs(monkeypatch, tmp_path):
+    """The number that is needed is of all taps of a posture; each place is asked for its part."""
+    folder = table(tmp_path)
+    watch = Watch(folder, None, None, OPTIONS)
+    modes = SimpleNamespace(frequency=np.array([5.0]), sigma=np.array([[0.1]]), damping=np.array([0.01]))
+    test = AmbientTest.__new__(AmbientTest)
+    object.__setattr__(test, "decays", (None,) * 10)
+    object.__setattr__(test, "posture", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(watch, "_tests", lambda *steps: (test,))
+    monkeypatch.setattr(modal_watch, "operational_modes", lambda test: modes)
+    watch.count, watch.limit = dict.fromkeys(watch.steps, 5), 0.02 * (10 / 16) ** 0.5
+    _, needed = watch._modes(list(watch.steps))
+    assert needed == 8

@@ -29,6 +29,7 @@ from ident.modal.recorded import place_of, state_of
 from ident.report.words import degrees, percent
 from ident.studies.measuring.modal import ModalOptions, described
 from ident.studies.measuring.modal_report import check_in_words, place_in_words
+from ident.text import by_key
 
 STILL, PACE = 1.0, 0.5
 """Time [s] for which a file stands still before it is read, and between two looks at the folder."""
@@ -49,14 +50,14 @@ class Step(NamedTuple):
     """What to record under one name of a channel table.
 
     Attributes:
-        pattern: name of the files; `*` stands for any letters.
+        patterns: names of the files; `*` stands for any letters.
         state: posture [rad], load and state of the drives.
         what: `hits` and where, or `taps`.
         sensors: places of the responses.
         wanted: hits or taps to record; infinite if the table does not say it.
     """
 
-    pattern: str
+    patterns: tuple[str, ...]
     state: State
     what: str
     sensors: str
@@ -64,23 +65,32 @@ class Step(NamedTuple):
 
     def has(self, name: str) -> bool:
         """Whether a file belongs to the step."""
-        return fnmatchcase(name, self.pattern)
+        return any(fnmatchcase(name, pattern) for pattern in self.patterns)
 
     def words(self, before: "Step | None" = None) -> str:
         """Say what to record, and where the sensors are unless they stay."""
         moved = f", sensors at {self.sensors}" * (before is None or before.sensors != self.sensors)
-        return f"{degrees(self.state[0])}, {self.what}{moved} ({self.pattern})"
+        return f"{degrees(self.state[0])}, {self.what}{moved} ({', '.join(self.patterns)})"
 
 
 def steps_of(table: ChannelTable) -> Iterator[Step]:
-    """Yield the steps of a channel table in its order, one for each of its narrowest names of files."""
-    names = dict.fromkeys(row.file for row in table.rows if row.counts)
-    for name in [name for name in names if not any(other != name and fnmatchcase(other, name) for other in names)]:
+    """Yield the steps of a channel table in its order: names of files, as narrow as they are, with numbers of hits.
+
+    Names without a number are one step where all else is the same: a name for each hit.
+    """
+    names, steps = dict.fromkeys(row.file for row in table.rows if row.counts), list[Step]()
+    for name in [name for name in names if not any(_narrower(other, name) for other in names)]:
         rows = [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
         forces, sensors = ([row for row in rows if (row.role == FORCE) == force] for force in (True, False))
         hit, at = (", ".join(place_in_words(place_of(row)) for row in own) for own in (forces, sensors))
         wanted = next((row.taps for row in (*forces, *sensors) if row.taps), math.inf)
-        yield Step(name, state_of(rows[0]), f"hits at {hit}" if hit else "taps", at, wanted)
+        steps.append(Step((name,), state_of(rows[0]), f"hits at {hit}" if hit else "taps", at, wanted))
+    for own in by_key((each[1:] if each.wanted == math.inf else each, each) for each in steps).values():
+        yield own[0]._replace(patterns=tuple(name for each in own for name in each.patterns))
+
+
+def _narrower(name: str, than: str) -> bool:
+    return fnmatchcase(name, than) and not fnmatchcase(than, name)
 
 
 class Watch:
@@ -97,9 +107,14 @@ class Watch:
     """
 
     def __init__(self, tests: Path, channels: Path | None, arm: Path | None, options: ModalOptions):
-        table, _, self.table = described(tests, channels, arm, options)
-        self.folder, self.options, self.steps = tests, options, tuple(steps_of(table))
+        self.given, self.folder, self.options = (channels, arm), tests, options
+        self._begin()
         self.limit = SHARE * (options.known_reproducibility.share["frequency"] or REPRODUCIBILITY["frequency"])
+
+    def _begin(self) -> None:
+        """Read the table and the arm, and forget what was read by the table before."""
+        table, _, self.table = described(self.folder, *self.given, self.options)
+        self.steps, self.path, self.stamp = tuple(steps_of(table)), table.path, os.stat(table.path).st_mtime_ns
         # of each file its stamp and since when it stands still, and what it holds: None if damaged
         self.seen, self.read = dict[str, tuple[object, float]](), dict[str, Recording | None]()
         # accepted hits; those that the repeatability needs; states whose modes are still to be computed
@@ -124,9 +139,19 @@ class Watch:
 
     def _look(self) -> Iterator[str]:
         """Forget files that are gone or differ, and read those that stand still."""
-        named = [name for name in sorted(os.listdir(self.folder)) if is_recording(Path(name))]
-        stats = {name: os.stat(self.folder / name) for name in named if any(step.has(name) for step in self.steps)}
-        stamps = {name: (own.st_size, own.st_mtime_ns, own.st_ino) for name, own in stats.items()}
+        if not self.job and os.stat(self.path).st_mtime_ns != self.stamp:
+            try:
+                self._begin()
+                yield f"{self.path} has changed: all recordings are read again"
+            except InputError as error:
+                self.stamp = os.stat(self.path).st_mtime_ns
+                yield str(error)
+        stamps = dict[str, tuple[float, ...]]()
+        for name in sorted(os.listdir(self.folder)):
+            if is_recording(Path(name)) and any(step.has(name) for step in self.steps):
+                with suppress(OSError):  # gone meanwhile, or a link to nothing
+                    own = os.stat(self.folder / name)
+                    stamps[name] = own.st_size, own.st_mtime_ns, own.st_ino
         now, changed = monotonic(), set[str]()
         for name in [name for name, (stamp, _) in self.seen.items() if stamps.get(name) != stamp]:
             del self.seen[name]
@@ -183,8 +208,8 @@ class Watch:
 
     def _left(self, step: Step) -> float:
         """Return the number of hits still to record; infinite where something is to be corrected first."""
-        needed = self.needed.get(step.state, math.inf if step.wanted < math.inf else FEW)
-        return max(min(step.wanted, needed) - self.count.get(step, 0), 0)
+        wanted = min(step.wanted, self.needed.get(step.state, math.inf if step.wanted < math.inf else FEW))
+        return max(wanted - self.count.get(step, 0), 0) if wanted < math.inf else math.inf
 
     def _advice(self, state: State) -> str:
         """Say what is left to record at a state, or what comes next."""
@@ -208,7 +233,8 @@ class Watch:
                 lines.append(f"modes at {degrees(test.posture)} [Hz]: {shown}")
                 share = np.where(modes.damping < LIGHT, modes.sigma[0] / modes.frequency, 0.0)
                 if not early and (hits := _hits(test)) < (enough := hits * (share.max() / self.limit) ** 2) < math.inf:
-                    hertz, needed = modes.frequency[share.argmax()], max(needed, math.ceil(enough))
+                    places = sum(self.count.get(step, 0) > 0 for step in steps) if isinstance(test, AmbientTest) else 1
+                    hertz, needed = modes.frequency[share.argmax()], max(needed, math.ceil(enough / places))
                     lines.append(f"{hertz:.2f} Hz repeats to {percent(share.max())}, wanted {percent(self.limit)}")
                 if isinstance(test, ModalTest):
                     wrong = [f"{check_in_words(check)}: {check.remedy}" for check in test.checks if not check.good]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ident.description.file import ArmFile
 from ident.description.rewriting import arm_text, point_text, with_first
-from ident.errors import refusal
+from ident.errors import InputError, refusal
 from ident.files import together, write_text
 from ident.identify.candidates import HammerPlan, with_pins
 from ident.measure import Load
@@ -37,7 +37,7 @@ from ident.studies.look.show_figure import (
     views,
 )
 from ident.studies.stiffness.plan_report import angle_cells
-from ident.text import one_line, read_text
+from ident.text import as_word, one_line, read_text
 
 if TYPE_CHECKING:
     from ident.identify.plan import CampaignPlan
@@ -114,7 +114,10 @@ def with_used_pins(file: ArmFile, used: set[str]) -> tuple[ArmFile, str]:
     if not file.path.endswith(".toml"):
         return placed, arm_text(placed.arm, origin="derived")
     text, new = read_text(Path(file.path), "an arm"), "".join(point_text(pin, "derived") for pin in pins)
-    return placed, with_first("point", text, new, file.path) if pins else text
+    try:
+        return placed, with_first("point", text, new, file.path) if pins else text
+    except InputError:  # points within a line
+        return placed, arm_text(placed.arm, origin="derived")
 
 
 def channel_rows(each: SheetPosture) -> Iterator[dict[str, str]]:
@@ -135,7 +138,7 @@ def channel_rows(each: SheetPosture) -> Iterator[dict[str, str]]:
 def sheet_page(file: ArmFile, postures: Sequence[SheetPosture], head: Mapping[str, Any], folder: str) -> Page:
     """Return the sheet as a page: what to do, then a page for each posture."""
     body: Any = template_of("ident.studies.stiffness", "plan_sheet.html.jinja").module
-    sections = [Section("What to do", (body.steps(postures[0], folder, CHANNELS),))]
+    sections = [Section("What to do", (body.steps(postures[0], folder, CHANNELS, as_word(folder)),))]
     for each in postures:
         view, title = arm_view(file, each.test.posture), f"Posture {each.number}: {degrees(each.test.posture)}"
         hung = tuple(s for s in view.solids if s.kind != "payload" or s.name in each.test.load.payloads)
