@@ -158,12 +158,16 @@ def sheet(folder, tmp_path):
     return made
 
 
+INTERRUPTIBLE = """import runpy, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+runpy.run_module("ident", run_name="__main__")"""
+"""Runs the program; tests in the background of a shell ignore Ctrl-C, and what they start inherits that."""
+
+
 def watching(folder, out):
     """`ident modal --watch` as a process."""
-    line = [sys.executable, "-m", "ident", "modal", str(folder), "--watch", "--no-figure", f"--out={out}"]
-    own = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    # tests in the background of a shell ignore Ctrl-C, and what they start inherits that
-    return subprocess.Popen(line, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **own)
+    line = [sys.executable, "-c", INTERRUPTIBLE, "modal", str(folder), "--watch", "--no-figure", f"--out={out}"]
+    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def copy_slowly(source, to, parts=5, pause=0.4):
