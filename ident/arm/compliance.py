@@ -19,30 +19,24 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ident.arm.chain import Chain
-from ident.arm.linalg import inverse_cholesky_factor
-from ident.arm.mechanics import Matrix, Phi, Vector, motion_of, point_positions, point_rotations, system
+from ident.arm.mechanics import Matrix, Phi, Vector, motion_of, point_positions, point_rotations
 from ident.arm.rotations import axial, matmul, transpose
 
 
-def point_compliance(chain: Chain, phi: Phi) -> Float[Array, "6 6 P *#batch"]:
-    """Return the compliance of each named point about an equilibrium, in the base frame; differentiable.
+def point_twists(chain: Chain, phi: Phi, W: Matrix) -> Float[Array, "n 6 P *#batch"]:
+    """Return W J': how the named points move about an equilibrium along each row of W; differentiable.
 
-    Servos that hold motors give way by their stiffness, in series with the joints; motors held by brakes do not.
+    Servos that hold motors give way by their stiffness, in series with the joints; motors held by brakes do not. With
+    W' W = H^-1 the compliance is the sum over the rows of their products with themselves: symmetric, not negative.
 
     Args:
         chain: the arm at a posture under its loads.
         phi: (3, N, *batch) [rad] its static equilibrium.
+        W: (n, n, *batch) directions of all coordinates, as rows.
 
     Returns:
-        (6, 6, P, *batch), displacement along and rotation about x, y and z by force along and moment about them
-        [m/N, m/(N m); rad/N, rad/(N m)]: symmetric, and not negative. NaN where the equilibrium is not stable.
+        (n, 6, P, *batch), displacement along and rotation about x, y and z of the base [m, rad, per unit of a row].
     """
-    WJ = point_twists(chain, phi, inverse_cholesky_factor(system(chain, phi)[2]))
-    return matmul(transpose(WJ), WJ)
-
-
-def point_twists(chain: Chain, phi: Phi, W: Matrix) -> Float[Array, "n 6 P *#batch"]:
-    """Return W J': displacement [m] and rotation [rad] of each named point along each row of W, of all coordinates."""
     return jax.vmap(lambda v: _twist(chain, phi, v))(W)
 
 

@@ -397,7 +397,7 @@ TRIED = 20000
 """Sets of places that are all tried."""
 OVERSAMPLED, DECAYED, LONGEST = 8.0, 0.001, 60.0
 """Sampling rate over the highest expected mode: `modal` uses a quarter, and a mode may be twice as fast; share
-to which a decay is recorded, that of `ident modal --window-end`; longest record of a hit [s]."""
+to which a decay is recorded, that of `ident modal --window-end`; longest record of a hit [s]. Assumed."""
 
 
 @dataclass(frozen=True)

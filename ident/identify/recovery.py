@@ -166,9 +166,8 @@ def recover(
         noticed[name] = sum(alarms), len(alarms)
     off, shown = np.array([each.best.theta for each in fits]) - known, np.array([each.supported for each in fits])
     low, high = np.array([parameters.theta(each.interval(LEVEL)).T for each in fits]).swapaxes(0, 1)
-    held, levels = shown & (low <= known) & (known <= high), np.full(len(parameters.names), LEVEL)
-    if truths == "posterior":
-        levels = _levels(fit, known)
+    held = shown & (low <= known) & (known <= high)
+    levels = _levels(fit, known) if truths == "posterior" else np.full(len(parameters.names), LEVEL)
     columns = off.mean(0), off.std(0, ddof=1) / draws**0.5, held.sum(0), shown.sum(0), levels
     each_unknown = zip(parameters.names, *(column.tolist() for column in columns), strict=True)
     chances = dict(zip(names, _power(fit, places), strict=True))

@@ -14,8 +14,9 @@ from scipy.optimize import root
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture, no_loads
-from ident.arm.compliance import point_compliance
-from ident.arm.mechanics import point_positions, point_rotations, static_equilibrium
+from ident.arm.compliance import point_twists
+from ident.arm.linalg import inverse_cholesky_factor
+from ident.arm.mechanics import point_positions, point_rotations, static_equilibrium, system
 from ident.arm.parts import Body, Drive, Joint, Point, Servo
 from ident.errors import InputError
 from ident.identify.binding import loads_of
@@ -42,7 +43,8 @@ def compliance(arm, posture, loads=None, servo=None):
     """Compliance of all points, with the equilibrium."""
     chain = at_posture(arm, posture, loads, servo)
     phi = static_equilibrium(chain).phi
-    return point_compliance(chain, phi), phi, point_positions(chain, phi), point_rotations(chain, phi)
+    moved = point_twists(chain, phi, inverse_cholesky_factor(system(chain, phi)[2]))
+    return jnp.einsum("ni...,nj...->ij...", moved, moved), phi, point_positions(chain, phi), point_rotations(chain, phi)
 
 
 def test_a_lever_on_a_spring_gives_its_length_squared_over_the_stiffness():

@@ -101,7 +101,7 @@ def validate(
         progress: shows progress over the starts of the fit and then over the parts, or the made campaigns.
 
     Raises:
-        InputError: see `fit`, a campaign of fewer than two parts, and options of the other of the two.
+        InputError: see `fit`; a campaign of fewer than two parts; `leave` with `recover`, or its options without it.
         ModelError: no optimum was reached.
     """
     from ident.identify.recovery import recover
