@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from arms import posture_of, random_arm
 from conformance import agrees
-from engines import Engine, MujocoArm, PinocchioArm, stiffness, title
+from engines import Engine, MujocoArm, PinocchioArm, settled, stiffness, title
 from jaxtyping import Array
 from scipy.linalg import eigh
-from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm, stiffness_paths
@@ -93,14 +92,7 @@ def settle(engine: type, joints: int, index: int) -> tuple[Any, np.ndarray, np.n
     """An engine's static equilibrium, by MINPACK, and the stiffness that it was found with."""
     arm, other = cases(joints)[index][0], engines(engine, joints)[index]
     K = stiffness(arm, other)
-    start = np.full(3 * joints, 1e-3)
-    found = root(
-        lambda x: other.gravity_gradient(x) + K @ x,
-        start,
-        jac=lambda x: other.gravity_hessian(x) + K,
-        options={"xtol": 1e-14},
-    )
-    return other, K, found.x
+    return other, K, settled(other, K)
 
 
 @pytest.mark.parametrize("joints", JOINTS)

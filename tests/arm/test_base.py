@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
 from conformance import agrees
-from engines import MujocoArm, stiffness
+from engines import MujocoArm, settled, stiffness
 from jaxtyping import Array
 from scipy.linalg import eigh
-from scipy.optimize import root
 
 from ident.arm.arm import STIFFER, Arm, on_soft_base
 from ident.arm.chain import at_posture
@@ -69,18 +68,13 @@ def test_frequencies_and_deflection_are_those_of_mujoco(seed):
     posture = jnp.asarray(rng.uniform(-np.pi, np.pi, 3))
     engine = MujocoArm(arm, posture)
     K = stiffness(arm, engine)
-    settled = root(
-        lambda x: engine.gravity_gradient(x) + K @ x,
-        np.full(12, 1e-3),
-        jac=lambda x: engine.gravity_hessian(x) + K,
-        options={"xtol": 1e-14},
-    ).x
-    H = engine.gravity_hessian(settled) + K
-    inverse = eigh(engine.mass_matrix(settled), (H + H.T) / 2, eigvals_only=True)[::-1]
+    x = settled(engine, K)
+    H = engine.gravity_hessian(x) + K
+    inverse = eigh(engine.mass_matrix(x), (H + H.T) / 2, eigvals_only=True)[::-1]
     found, moved = map(np.asarray, seen(arm, posture))
     hertz = 1 / (2 * np.pi * np.sqrt(inverse))
     agrees(found, hertz, "modal", "natural frequencies on a soft base", "MuJoCo, modes by LAPACK", rtol=1e-8, unit="Hz")
-    sag, source = engine.point(settled) - engine.point(0 * settled), "MuJoCo, settled by MINPACK"
+    sag, source = engine.point(x) - engine.point(0 * x), "MuJoCo, settled by MINPACK"
     agrees(moved[:, -1], sag, "statics", "deflection on a soft base", source, rtol=1e-9, atol=1e-12, unit="m")
 
 

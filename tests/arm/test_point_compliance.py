@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
 from conformance import agrees
-from engines import PinocchioArm, rates, stiffness
-from scipy.optimize import root
+from engines import PinocchioArm, rates, settled, stiffness
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture, no_loads
@@ -102,10 +101,7 @@ def test_it_is_pinocchios(seed):
     engine = PinocchioArm(arm, posture)
     K = stiffness(arm, engine)
 
-    def gradient(x):
-        return engine.gravity_gradient(x) + K @ x
-
-    x = root(gradient, np.full(9, 1e-3), jac=lambda x: engine.gravity_hessian(x) + K, options={"xtol": 1e-14}).x
+    x = settled(engine, K)
     J = jacobian(engine, x)
     expected = J @ np.linalg.solve(engine.gravity_hessian(x) + K, J.T)
     C, _, place, turn = compliance(arm, posture)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from arms import posture_of, random_arm
 from conformance import agrees
-from engines import PinocchioArm, stiffness
-from scipy.optimize import root
+from engines import PinocchioArm, settled, stiffness
 
 from ident.arm.arm import Arm
 from ident.arm.multibody import Command, balanced, bushing_rotations, end_point, multibody
@@ -71,12 +70,7 @@ def test_it_is_a_direct_solve_with_pinocchios_matrices():
     engine, by_time = PinocchioArm(arm, posture), [replace(j, k_bend=j.k_bend * j.tau_bend) for j in arm.joints]
     by_time = replace(arm, joints=tuple(replace(j, k_tors=j.k_tors * j.tau_tors) for j in by_time))
     K, C = (stiffness(each, engine) for each in (arm, by_time))
-    x = root(
-        lambda x: engine.gravity_gradient(x) + K @ x,
-        np.full(9, 1e-3),
-        jac=lambda x: engine.gravity_hessian(x) + K,
-        options={"xtol": 1e-14},
-    ).x
+    x = settled(engine, K)
     J = engine.end_axes(x).T @ jacobian(engine, x)
     expected = direct(engine.mass_matrix(x), C, K + engine.gravity_hessian(x), J)
     tool = tool_compliance(modal_analysis(arm, tuple(posture)), frame="tool")

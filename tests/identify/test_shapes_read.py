@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conformance import agrees, counted
-from engines import MujocoArm, stiffness
+from engines import MujocoArm, settled, stiffness
 from known_shapes import CROSSING, SKEW, rows, with_elbow
 from scipy.linalg import eigh
-from scipy.optimize import root
 from scipy.stats import binom, chi2
 
 from ident.errors import InputError
@@ -62,12 +61,7 @@ def test_ratios_are_those_of_mujocos_eigenvectors(arm, campaigns, found):
     """Points of the end only, which is where the engine has a site; eigenvectors by LAPACK."""
     other = MujocoArm(arm, SKEW)
     K = stiffness(arm, other)
-    x = root(
-        lambda x: other.gravity_gradient(x) + K @ x,
-        np.full(len(K), 1e-3),
-        jac=lambda x: other.gravity_hessian(x) + K,
-        options={"xtol": 1e-14},
-    ).x
+    x = settled(other, K)
     _, V = eigh(other.mass_matrix(x), other.gravity_hessian(x) + K)
     h, shapes = 1e-5, V[:, ::-1][:, :4]
     moved = np.array(

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import block_diag
+from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
@@ -64,6 +65,16 @@ def stiffness(arm: Arm, engine: Engine) -> np.ndarray:
         K = float(joint.k_bend) * (np.eye(3) - np.outer(a, a)) + float(joint.k_tors) * np.outer(a, a)
         blocks.append(F @ K @ F.T)
     return block_diag(*blocks)
+
+
+def settled(engine: Engine, K: np.ndarray) -> np.ndarray:
+    """Static equilibrium of an engine's arm on springs of a stiffness matrix, by MINPACK."""
+
+    def gradient(x: np.ndarray) -> np.ndarray:
+        return engine.gravity_gradient(x) + K @ x
+
+    start, options = np.full(len(K), 1e-3), {"xtol": 1e-14}
+    return root(gradient, start, jac=lambda x: engine.gravity_hessian(x) + K, options=options).x
 
 
 def local(frames: list[np.ndarray], x: np.ndarray) -> np.ndarray:
