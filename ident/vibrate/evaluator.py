@@ -23,7 +23,9 @@ from ident.vibrate.fast import (
     Linearised,
     Numbers,
     at_once,
+    each_arm,
     numbers_of,
+    on_device,
     refuse_collapse,
     step_for,
     vibrations,
@@ -84,15 +86,14 @@ WIDTH = 3
 """Forward derivatives computed together: with more variables the same program runs several times."""
 
 
-def directions_of(
-    numbers: Mapping[str, Float[np.ndarray, ""]], variables: Sequence[Variable]
-) -> dict[str, Float[np.ndarray, "WIDTH"]]:
-    """Return the derivatives of an arm's numbers by each variable; zero for padding."""
-    ways = {path: np.zeros(WIDTH) for path in numbers}
-    for k, variable in enumerate(variables):
+def directions_of(numbers: Numbers, variables: Sequence[Variable]) -> Numbers:
+    """Return the derivatives of an arm's numbers by each variable `(WIDTH, P)`; zero for padding."""
+    ways = np.zeros((WIDTH, len(numbers.paths)))
+    for way, variable in zip(ways, variables, strict=False):
         for path in variable.paths:
-            ways[path][k] = 1.0 if variable.shifted else numbers[path]
-    return ways
+            place = numbers.paths.index(path)
+            way[place] = 1.0 if variable.shifted else numbers.values[place]
+    return Numbers(numbers.paths, ways)
 
 
 LinearisedPair = tuple[Linearised, Linearised]
@@ -105,7 +106,7 @@ def linear_along(arm: Arm, values: Numbers, directions: Numbers, solve: FastMeth
 
     def some(grid: TimeIntervals) -> LinearisedPair:
         def along(direction: Numbers) -> LinearisedPair:
-            return jax.jvp(lambda now: solve.linearised_within(arm.replace(now), grid), (values,), (direction,))
+            return jax.jvp(lambda now: solve.linearised_within(now.set_in(arm), grid), (values,), (direction,))
 
         return jax.vmap(along, out_axes=(None, 1))(directions)
 
@@ -120,13 +121,13 @@ def solved_along(
     """Return an arm's response, how it changes along directions, and its vibration at the samples [m]."""
 
     def excited(now: Numbers, linear: Linearised) -> Fast:
-        return solve.excited(arm.replace(now), linear)
+        return solve.excited(now.set_in(arm), linear)
 
     def along(direction: Numbers, changing: Linearised) -> tuple[Fast, Fast]:
         return jax.jvp(excited, (values, linear[0]), (direction, changing))
 
     pair: tuple[Fast, Fast] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
-    return pair, solve.vibration(arm.replace(values), linear[0], pair[0])
+    return pair, solve.vibration(values.set_in(arm), linear[0], pair[0])
 
 
 @jit
@@ -143,7 +144,7 @@ def vibration_along(
 
     def seen(now: Numbers, linear: Linearised, solved: Fast) -> Array:
         time = None if places is None else jnp.asarray(solve.time)[jnp.ravel(places)]
-        whole = solve.vibration(arm.replace(now), linear, solved, time)
+        whole = solve.vibration(now.set_in(arm), linear, solved, time)
         return whole if places is None else whole.reshape((3, *places.shape))[np.arange(3), np.arange(3)]
 
     def along(*tangents: Any) -> tuple[Array, Array]:
@@ -314,32 +315,29 @@ class Evaluator:
         Args:
             change: of each variable.
         """
-        numbers = self.batch(change[None])
-        return self._slopes(change, [{path: values[0, ...] for path, values in numbers.items()}], sets_of(self.unknown))
+        return self._slopes(change, slice(1), sets_of(self.unknown))
 
     def slopes_of_draws(
         self, change: Float[np.ndarray, "V"]
     ) -> tuple[Float[np.ndarray, "3 W D"], Float[np.ndarray, "V 3 W D"]]:
         """Return the same for each draw, with its own phases."""
-        numbers = self.batch(change[None])
-        each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(1, self.size)]
-        return self._slopes(change, each, ({},))
+        return self._slopes(change, slice(1, None), ({},))
 
     def _slopes(
-        self, change: np.ndarray, arms: Sequence[Mapping[str, np.ndarray]], sets: Sequence[Mapping[str, float]]
+        self, change: np.ndarray, which: slice, sets: Sequence[Mapping[str, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return parts and slopes of each of some arms, over the phases that some sets determine, see `sets_of`."""
-        measure, solve = self.amplitude, self._solver(change[None])
+        """Return parts and slopes of some of the arms, over the phases that some sets determine, see `sets_of`."""
+        measure, solve, arm = self.amplitude, self._solver(change[None]), on_device(self.arm)
+        arms = each_arm(self.batch(change[None]))[which]
         groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
-        ways = [(dict(values), directions_of(values, variables)) for variables in groups for values in arms]
-        turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
+        ways = [(values, directions_of(values, variables)) for variables in groups for values in arms]
 
         def one(values: Numbers, along: Numbers, run: Callable[[Any], list[Any]]) -> Any:
-            linear = linear_along(self.arm, values, along, solve)
-            solved = run([partial(solved_along, self.arm, values | own, along, linear, solve) for own in turned])
+            linear, turned = linear_along(arm, values, along, solve), [values.changed(own) for own in sets]
+            solved = run([partial(solved_along, arm, own, along, linear, solve) for own in turned])
             places = places_of(measure, largest_over_phases(*parts_of(np.stack([x for _, x in solved], -1))))
             jobs = [
-                partial(vibration_along, self.arm, values | own, along, linear, pair, solve, places)
+                partial(vibration_along, arm, own, along, linear, pair, solve, places)
                 for own, (pair, _) in zip(turned, solved, strict=True)
             ]
             seen, ways = (np.stack(part, -1) for part in zip(*jax.device_get(run(jobs)), strict=True))

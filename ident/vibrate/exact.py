@@ -19,7 +19,6 @@ References:
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -37,10 +36,12 @@ from ident.vibrate.fast import (
     Fast,
     FastMethod,
     Linearised,
+    Numbers,
     Solution,
     by_stage,
     linearised_for,
     numbers_of,
+    on_device,
     refuse_collapse,
     repeated,
     sampled_for,
@@ -133,8 +134,8 @@ def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution
         method: the fast method for it.
         start: see `integrate`.
     """
-    values: dict[str, Any] = {path: np.asarray(x, float) for path, x in numbers_of(arm).items()}
-    time, grid, parts = np.asarray(method.time)[: int(method.samples)], method.grid, []
+    arm, values = on_device(arm), Numbers.of(numbers_of(arm))
+    time, grid, parts = np.asarray(method.time)[: int(method.samples)], concrete(method.grid), []
     firsts = range(0, int(np.isfinite(grid.start).sum()), FEWEST)
     times = np.split(time, np.searchsorted(time, grid.start[list(firsts[1:])]))
     at_rest = start is None
@@ -157,10 +158,10 @@ def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution
 
 @partial(jit, options=LONG_LOOPS)
 def _solved(
-    arm: Arm, values: dict[str, Any], method: FastMethod, linear: Linearised, at_rest: AnyArray, state: AnyArray
+    arm: Arm, values: Numbers, method: FastMethod, linear: Linearised, at_rest: AnyArray, state: AnyArray
 ) -> tuple[Fast, Array]:
     """Return the solution within a grid, behind an axis of one as `sampled_for` takes it, and the state at its end."""
-    arm = arm.replace(values)
+    arm = values.set_in(arm)
     model, motion, grid, at = method.model(arm), method.motion, method.grid, method.weights
     n, chunks = model.size, jax.tree.map(jnp.asarray, (at.within, at.middles, at.in_steps, at.stages))
 
@@ -208,8 +209,7 @@ def _solved(
     guarded = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
     first: Array = jax.lax.cond(at_rest, from_rest, lambda state: state, jnp.asarray(state))
     last, (states, a) = jax.lax.scan(guarded, first, (*times, linear.equations))
-    x, v = jnp.split(states, 2, -1)
-    whole = Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.equations.quasi_static)
+    whole = Fast(states, a.reshape((*a.shape[:2], STAGES, -1)), linear.equations.quasi_static)
     return jax.tree.map(lambda x: x[None], whole), last
 
 

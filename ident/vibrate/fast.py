@@ -5,10 +5,10 @@ With y = y_r(t) + x, y_r the static equilibrium at the posture of the moment:
     M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
 
 M, D, K are the residual's exact derivatives there, with gyroscopic and centrifugal terms, without rotating unbalance; f
-includes all of it, and the transmission error to first order. Neglected terms are of second order in x and in the
-excitation. Quantities of the posture alone are smooth and interpolated within each time interval, including the
-method's transition matrices. The integration is Gauss's method of order six, which is accurate for slow modes and
-stable for fast ones.
+has it as a wave of each pulley's angle, and the transmission error to first order. Neglected terms are of second order
+in x and in the excitation. Quantities of the posture alone are smooth and interpolated within each time interval, also
+the waves' amplitudes and the method's transition matrices. The integration is Gauss's method of order six, which is
+accurate for slow modes and stable for fast ones.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
@@ -18,7 +18,8 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -51,6 +52,8 @@ from ident.arm.rotations import matvec
 from ident.errors import InputError, ModelError, Problem
 from ident.programs import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit, library
 from ident.vibrate.linear import (
+    AT_NODES,
+    NODE_PLACES,
     ONCE,
     STAGES,
     STEPS,
@@ -154,21 +157,19 @@ class Fast(NamedTuple):
     """A solution of the linearised equations, step by step.
 
     Attributes:
-        x: (P, S, n) deviation from the quasi-static deflection at the start of each step [rad]
-        v: (P, S, n) its rate [1/s]
+        state: (P, S, 2 n) at the start of each step: deviation from the quasi-static deflection [rad], its rate [1/s]
         a: (P, S, STAGES, n) its acceleration at the stages of each step [1/s^2]
         quasi_static: (P, n, m) coordinates at static equilibrium, at the nodes of the intervals.
     """
 
-    x: Float[Array, "P S n"]
-    v: Float[Array, "P S n"]
+    state: Float[Array, "P S state"]
     a: Float[Array, "P S stages n"]
     quasi_static: Float[Array, "P n m"]
 
     def at(self, grid: TimeIntervals, time: Times) -> tuple[Float[Array, "n T"], Float[Array, "n T"]]:
         """Return the coordinates at any times of the intervals, and their rates."""
         k, s, share, h = grid.steps_of(time)
-        x, v, a = self.x[k, s], self.v[k, s], self.a[k, s]
+        (x, v), a = jnp.split(self.state[k, s], 2, 1), self.a[k, s]
         once, twice = (evaluate(integral, share)[:, :, None] for integral in (ONCE, TWICE))
         h = h[:, None]
         x, v = x + h * share[:, None] * v + h**2 * (twice * a).sum(1), v + h * (once * a).sum(1)
@@ -220,7 +221,8 @@ def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeigh
     def interval(state: tuple[Array, Array], given: tuple[Array, Array, Linear]) -> tuple[tuple, tuple]:
         (z, seam), (start, h, here) = state, given
         first_slope, last_slope = (interpolate(here.quasi_static, EDGE_SLOPES) / (h * at.steps)).T
-        push = advance(h, model.size)[1]
+        push, length = advance(h, model.size)[1], h * at.steps
+        waves = _waves(model, motion, here, start + length * NODE_PLACES, length)
 
         def begin(z: Array) -> Array:
             y, K = (interpolate(part, EDGE_VALUES)[..., 0] for part in (here.quasi_static, here.K))
@@ -229,15 +231,15 @@ def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeigh
         def go_on(z: Array) -> Array:
             return z.at[model.size :].add(seam - first_slope)
 
-        def some_steps(z: Array, given: tuple[Array, ...]) -> tuple[Array, tuple]:
-            within, middles, in_steps, stages = given
-            f = _excitation(model, motion, here, stages, start + h * in_steps, h * at.steps)
+        def some_steps(z: Array, given: tuple[tuple[Array, ...], Array]) -> tuple[Array, tuple]:
+            (within, middles, in_steps, stages), turned = given
+            f = _excitation(model, motion, here, waves, turned, stages, start + h * in_steps, length)
             z, states, a = stepped(here, middles, within < at.steps, push, z, f)
             return z, (states, a)
 
         z = jax.lax.cond(start == first, begin, go_on, z)
-        real = where(lambda given: given[0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
-        z, parts = jax.lax.scan(real, z, chunks)
+        real = where(lambda given: given[0][0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
+        z, parts = jax.lax.scan(real, z, (chunks, _turned(model, motion, here, at, start, h)))
         return (z, last_slope), tuple(part.reshape((-1, part.shape[-1])) for part in parts)
 
     rows = 2 * model.size, STAGES * model.size
@@ -245,8 +247,7 @@ def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeigh
     rest = jnp.zeros(2 * model.size), jnp.zeros(model.size)
     real = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
     states, a = jax.lax.scan(real, rest, (*times, linear))[1]
-    x, v = jnp.split(states, 2, -1)
-    return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.quasi_static)
+    return Fast(states, a.reshape((*a.shape[:2], STAGES, -1)), linear.quasi_static)
 
 
 def stepped(
@@ -280,19 +281,78 @@ def _at_middles(middles: Float[Array, "m S"], x: Float[Array, "m k S"]) -> Float
     return (x * middles[:, None]).sum(0)
 
 
+class Waves(NamedTuple):
+    """What asks for moments within an interval whatever the transmission error, at its nodes [N m].
+
+    Attributes:
+        sure: (n, m) at any angle of the pulleys: the quasi-static deflection, and the inertia of the eccentric masses.
+        cosine: (n, D, m) what each drive's eccentric mass adds times the cosine of its angle,
+        sine: (n, D, m) and times its sine.
+    """
+
+    sure: Float[Array, "n m"]
+    cosine: Float[Array, "n D m"]
+    sine: Float[Array, "n D m"]
+
+
+def _waves(model: Multibody, motion: Motion, linear: Linear, nodes: Float[Array, "m"], length: Array) -> Waves:
+    """Return what an eccentric mass asks for as a wave of its angle, whose amplitudes change as slowly as the posture.
+
+    Left out is what goes with twice the angle: the square of an eccentricity times how fast the shaft tilts.
+    """
+    pulley = _pulleys(model, motion, nodes, [linear.quasi_static @ W / length**k for k, W in enumerate(AT_NODES)])
+
+    def asked(quarters: Array, own: Float[Array, "N"]) -> Float[Array, "n m"]:
+        angle = jnp.broadcast_to(quarters * (jnp.pi / 2) - model.drives.phase, pulley.angle.shape)
+        forces = imbalance(model, linear.kinematics, pulley._replace(angle=angle))
+        return equations(
+            model, linear.kinematics, jnp.ones_like(angle), jax.tree.map(lambda x: x * own[:, None], forces)
+        )
+
+    each = jnp.eye(model.joints)[np.asarray(model.driven, int)]
+    ahead, quarter, back, last = jax.vmap(jax.vmap(asked, (None, 0), 1), (0, None))(jnp.arange(4.0), each)
+    sure = linear.residual + (ahead + quarter + back + last).sum(1) / 4
+    return Waves(sure, (ahead - back) / 2, (quarter - last) / 2)
+
+
+def _pulleys(model: Multibody, motion: Motion, time: Float[Array, "places"], line: Sequence[Array]) -> Turning:
+    """Return how the pulleys turn, by the quasi-static coordinates and their rates."""
+    xi = Turning(*(deviations(model, part) for part in line))
+    return pins(balanced(model), command(model, motion, time), xi).pulley
+
+
+def _turned(
+    model: Multibody, motion: Motion, linear: Linear, at: StepWeights, start: Array, h: Array
+) -> Float[Array, "chunks 2 D places"]:
+    """Return cosine and sine of each eccentric mass's angle at all stages: in one loop, XLA computes each once."""
+    line = interpolate(linear.quasi_static, jnp.concatenate([*jnp.asarray(at.stages)[:, 0]], 1))
+    angle = (
+        _pulleys(model, motion, start + h * jnp.ravel(jnp.asarray(at.in_steps)), (line,) * 3).angle + model.drives.phase
+    )
+    angle = angle[np.asarray(model.driven, int)]
+    turned = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    return jnp.moveaxis(turned.reshape((*turned.shape[:2], *at.in_steps.shape)), 2, 0)
+
+
 def _excitation(
-    model: Multibody, motion: Motion, linear: Linear, stages: Float[Array, "3 m places"], time: Array, length: Array
+    model: Multibody,
+    motion: Motion,
+    linear: Linear,
+    waves: Waves,
+    turned: Float[Array, "2 D places"],
+    stages: Float[Array, "3 m places"],
+    time: Array,
+    length: Array,
 ) -> Float[Array, "stages S"]:
     """Return f at the stages of some steps, one above the other."""
-    moving = jax.tree.map(lambda x: interpolate(x, stages[0]), linear.kinematics)
-    commanded = command(model, motion, time)
-    line = [interpolate(linear.quasi_static, stages[k]) / length**k for k in range(3)]
-    turning = pins(model, commanded, Turning(*(deviations(model, part) for part in line)))
-    turned = equations(model, moving, turning.slope, imbalance(model, moving, turning.pulley))
-    f = interpolate(linear.residual, stages[0]) + turned
-    for by_pin, deviation in zip(linear.by_pin, transmission_error(model, turning), strict=False):
-        slopes = interpolate(by_pin, stages[0])  # by `matvec` XLA computes a deviation's sines for each row again
-        f = sum((slopes[:, pin] * deviation[pin] for pin in range(model.joints)), f)
+    sure, cosine, sine = (interpolate(part, stages[0]) for part in waves)
+    f = sure + (cosine * turned[0] + sine * turned[1]).sum(1)
+    if linear.by_pin:
+        line = [interpolate(linear.quasi_static, stages[k]) / length**k for k in range(3)]
+        turning = pins(model, command(model, motion, time), Turning(*(deviations(model, part) for part in line)))
+        for by_pin, deviation in zip(linear.by_pin, transmission_error(model, turning), strict=True):
+            slopes = interpolate(by_pin, stages[0])  # by `matvec` XLA computes a deviation's sines for each row again
+            f = sum((slopes[:, pin] * deviation[pin] for pin in range(model.joints)), f)
     return by_stage(-f)
 
 
@@ -457,8 +517,44 @@ def end_point_of(
 # The fast method for each of some arms, and for each of some sets of phases of what excites them, on all cores.
 
 
-Numbers = dict[str, Any]
-"""Numbers of an arm by path: arrays, for each of some arms, or for each of some sets of what excites one."""
+OWN = np.nan
+"""Filled in by `each_of` for a number that a set lacks, which is then the arm's own."""
+
+
+class Numbers(eqx.Module):
+    """Numbers of an arm in one array: a program's call takes one transfer, and not one for each of them.
+
+    Attributes:
+        paths: of the numbers.
+        values: (P,) [SI]
+    """
+
+    paths: tuple[str, ...] = eqx.field(static=True)
+    values: Float[AnyArray, "P"]
+
+    @classmethod
+    def of(cls, numbers: Mapping[str, AnyArray]) -> "Numbers":
+        """Gather numbers by path."""
+        return cls(tuple(numbers), np.array(list(numbers.values()), float))
+
+    def changed(self, own: Mapping[str, float]) -> "Numbers":
+        """Return the same with other numbers at some paths."""
+        return Numbers.of(dict(zip(self.paths, self.values, strict=True)) | dict(own))
+
+    def set_in(self, arm: Arm, own: Mapping[str, AnyArray] = MappingProxyType({})) -> Arm:
+        """Return an arm with these numbers, and with those of `own` that are not `OWN`."""
+        values = dict(zip(self.paths, self.values, strict=True))
+        return arm.replace({**values, **{path: jnp.where(jnp.isnan(x), values[path], x) for path, x in own.items()}})
+
+
+def each_arm(numbers: Mapping[str, Float[AnyArray, "batch"]]) -> list[Numbers]:
+    """Return the numbers of each of some arms."""
+    return [Numbers(tuple(numbers), values) for values in np.stack([*numbers.values()], 1).astype(float)]
+
+
+Sets = dict[str, Any]
+"""Numbers of what excites an arm by path, for each of some sets."""
+T = TypeVar("T")
 Keep = Callable[[FastMethod, Arm, Linearised, Fast], Any]
 """Selects the results to keep from a solution."""
 
@@ -467,6 +563,12 @@ def numbers_of(arm: Arm) -> dict[str, AnyArray]:
     """Return the numbers of an arm by path, but for those of its stroke, which is a motion already."""
     own = "" if arm.stroke is None else f"{arm.stroke.name}."
     return {path: x for path, x in arm.numbers().items() if not (own and path.startswith(own))}
+
+
+def on_device(tree: T) -> T:
+    """Return the same with its arrays where programs take them from without a transfer."""
+    arrays, rest = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.device_put(arrays), rest)
 
 
 def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
@@ -512,10 +614,6 @@ def vibrations(
     )
 
 
-OWN = np.nan
-"""Filled in by `each_of` for a number that a set lacks, which is then the arm's own."""
-
-
 def each_of(
     arm: Arm,
     numbers: Mapping[str, Array | np.ndarray],
@@ -546,7 +644,7 @@ def each_of(
         whole = jax.tree.map(lambda *x: jnp.stack(x, -1)[..., :samples, :], *solved)
         arms = [gather(jax.tree.map(lambda x, k=k: x[k], whole)) for k in range(count)]
         return jax.tree.map(lambda *x: jnp.stack(x, -1), *arms)
-    each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(count)]
+    arm, each = on_device(arm) if count > cores() else arm, each_arm(numbers)
     most = len(sets) if count >= cores() else -(-len(sets) // cores())
     shares = [sets[first : first + most] for first in range(0, len(sets), most)]
     paths = dict.fromkeys(path for own in sets for path in own)
@@ -593,10 +691,10 @@ def at_once(jobs: Sequence[Callable[[], Any]]) -> list[Any]:
 
 
 @jit
-def _traced(arm: Arm, numbers: Numbers, solve: FastMethod, keep: Keep, own: Numbers) -> Any:
+def _traced(arm: Arm, numbers: Sets, solve: FastMethod, keep: Keep, own: Sets) -> Any:
     """Return the kept results of each arm, arms first, all by one program: for tracing and differentiation."""
 
-    def one(values: Numbers) -> Any:
+    def one(values: Sets) -> Any:
         changed = arm.replace(values | own)
         linear = solve.linearised(changed)
         return keep(solve, changed, linear, solve.excited(changed, linear))
@@ -607,15 +705,15 @@ def _traced(arm: Arm, numbers: Numbers, solve: FastMethod, keep: Keep, own: Numb
 @jit
 def linearised_for(arm: Arm, values: Numbers, solve: FastMethod) -> Linearised:
     """Return the linearised equations of an arm with these numbers."""
-    return solve.linearised(arm.replace(values))
+    return solve.linearised(values.set_in(arm))
 
 
 @jit
-def _excited(arm: Arm, values: Numbers, sets: Numbers, solve: FastMethod, linear: Linearised) -> Fast:
+def _excited(arm: Arm, values: Numbers, sets: Sets, solve: FastMethod, linear: Linearised) -> Fast:
     """Return the response of an arm with each of some sets, the first axis; one alone is not batched."""
 
-    def one(own: Numbers) -> Fast:
-        return solve.excited(_with(arm, values, own), linear)
+    def one(own: Sets) -> Fast:
+        return solve.excited(values.set_in(arm, own), linear)
 
     if all(len(x) == 1 for x in sets.values()):
         return jax.tree.map(lambda x: x[None], one({path: x[0] for path, x in sets.items()}))
@@ -624,16 +722,14 @@ def _excited(arm: Arm, values: Numbers, sets: Numbers, solve: FastMethod, linear
 
 @partial(jit, options=LONG_LOOPS)
 def sampled_for(
-    arm: Arm, values: Numbers, sets: Numbers, solve: FastMethod, linear: Linearised, solved: Fast, keep: Keep
+    arm: Arm, values: Numbers, sets: Sets, solve: FastMethod, linear: Linearised, solved: Fast, keep: Keep
 ) -> Any:
     """Return the kept results of each set, on the first axis: computed in turn, as the values of one fill the cache."""
 
-    def one(given: tuple[Numbers, Fast]) -> Any:
-        return keep(solve, _with(arm, values, given[0]), linear, given[1])
+    def one(given: tuple[Sets, Fast]) -> Any:
+        return keep(solve, values.set_in(arm, given[0]), linear, given[1])
 
-    return jax.lax.map(one, (sets, solved))
-
-
-def _with(arm: Arm, values: Mapping[str, Array], own: Mapping[str, AnyArray]) -> Arm:
-    """Return an arm with these numbers, and those of a set that are not `OWN`."""
-    return arm.replace({**values, **{path: jnp.where(jnp.isnan(x), values[path], x) for path, x in own.items()}})
+    every = sets, solved
+    if all(len(x) == 1 for x in sets.values()):
+        return jax.tree.map(lambda x: x[None], one(jax.tree.map(lambda x: x[0], every)))
+    return jax.lax.map(one, every)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -106,9 +106,22 @@ def fast_method(
     error, still = has_transmission_error(arm), arm if library(arm) is np else jax.lax.stop_gradient(arm)
     longest = fast.step_for(still, motion) if step is None else step  # which the grid does not depend on smoothly
     _refuse_short(float(time[-1] - time[0]), longest, step is None)
-    grid = time_intervals(motion, time[-1], longest, turn=TURN_WITH_ERROR if error else TURN)
+    breaks, c = (np.asarray(x, float) for x in (motion.breaks, motion.coefficients))
+    known = _method(breaks.tobytes(), c.tobytes(), c.shape, rate, longest, error)
+    return replace(known, loads=loads, elastic=elastic)
+
+
+@lru_cache(maxsize=16)
+def _method(
+    breaks: bytes, coefficients: bytes, shape: tuple[int, ...], rate: float, step: float, error: bool
+) -> FastMethod:
+    """Set up the fast method for a motion by its numbers, once for all arms, without load and elastic belts."""
+    motion = Motion("motion", np.frombuffer(breaks), np.frombuffer(coefficients).reshape(shape))
+    time = sample_times(motion, rate)
+    grid = time_intervals(motion, time[-1], step, turn=TURN_WITH_ERROR if error else TURN)
     weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
-    return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
+    known = FastMethod(filled_up(motion), None, repeated(time), samples, grid.filled_up(), weights, False, error)
+    return fast.on_device(known)
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -240,13 +253,11 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
 #
 # So the vibration is v = v0 + sum over the phases that are not known of c cos psi + s sin psi. U of them are
 # determined by 2 U + 1 simulations: with all at 0, and with each alone at 90 and at 180 degrees. What is left out of
-# the sum is of second order:
+# the sum is the end point's arc, of x^2 over the length of the arm: 1e-4 of the vibration and less.
 #
-# - of m e^2 all but the moment of inertia about the axis, which is there whatever the phase, and part of v0;
-# - the end point's arc, of x^2 over the length of the arm: 1e-4 of the vibration and less.
+# The fast method itself neglects, for any phases, terms of second order:
 #
-# The fast method itself neglects, for any phases, second-order terms in the transmission error:
-#
+# - of m e^2 what goes with twice the angle; the moment of inertia about the axis is there, as part of v0;
 # - in the error's slope s = dq_pin/dtheta ratio = 1 + 2 ratio e cos(2 theta + chi), the square of s - 1 in centrifugal
 #   terms, which is e [rad] of the term of the acceleration, 4 ratio^2 e (dq/dt)^2 (of another order, o for 2 and o^2
 #   for 4); and M, D, K at the deviated pin;

@@ -84,6 +84,8 @@ FAULTS = (
           "weights = levels / (1 + levels)", "weights = levels", "inference/test_change.py"),
     Fault("fast method", "vibrate/fast.py",
           "f = sum((slopes[:, pin]", "f = sum((-slopes[:, pin]", "vibrate/test_one_joint.py vibrate/test_exact.py"),
+    Fault("waves of an imbalance", "vibrate/fast.py",
+          "sine * turned[1]", "sine * turned[0]", "vibrate/test_one_joint.py vibrate/test_exact.py"),
     Fault("exact method", "vibrate/exact.py",
           "v + h * once", "v + 0.99 * h * once", "vibrate/test_one_joint.py vibrate/test_exact.py"),
     Fault("input shaping", "vibrate/shaping.py",

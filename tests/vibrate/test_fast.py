@@ -40,7 +40,7 @@ def test_order() -> None:
         grid = TimeIntervals(starts, np.full(10, 0.5 / count), int(count))
         at = step_weights(int(count))
         linear = linearised(arm, gathered, motion, grid, at)
-        found.append(np.asarray(excited(gathered, motion, grid, at, linear).x)[:, 0, :3])
+        found.append(np.asarray(excited(gathered, motion, grid, at, linear).state)[:, 0, :3])
     errors = [np.abs(x - found[-1]).max() for x in found[:-1]]
     order = np.log2(errors[0] / errors[1])
     agrees(order, 6.0, "vibration", "order of the fast method", "order of the formula", atol=0.3)
