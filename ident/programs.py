@@ -217,7 +217,7 @@ class Programs:
             raise _NoExportError(str(error)) from None
 
     def _callable(self, exported: bytes, document: str) -> Callable[[list[Any]], Any]:
-        run = jax.jit(export.deserialize(bytearray(exported)).call, **self.options)
+        run = jax.jit(export.deserialize(bytearray(exported)).call, **self.options, **_one_place())
         plain, places = json.loads(document)
         marks, tree = jax.tree.flatten(decode(plain, [Place(i) for i in places]))
 
@@ -226,6 +226,12 @@ class Programs:
             return jax.tree.unflatten(tree, [arrays[int(m)] if isinstance(m, np.generic) else m for m in marks])
 
         return call
+
+
+def _one_place() -> dict[str, Any]:
+    """Return jax's option for arguments on the only device: else those that a kept program gave need another one."""
+    devices = jax.local_devices()
+    return {"in_shardings": jax.sharding.SingleDeviceSharding(devices[0])} if len(devices) == 1 else {}
 
 
 def are_kept() -> bool:

@@ -11,7 +11,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "ident"
 FILES = sorted(PACKAGE.rglob("*.py"))
 LINES, MANY_LINES, FEW_LINES, PARAMETERS = 900, 700, 60, 9
-CODE_LINES = 40_339
+CODE_LINES = 40_352
 """Of the package, without docstrings, comments, blank lines and imports. What comes in is paid for by what goes out."""
 BOUND = ("self", "cls")
 each_file = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))

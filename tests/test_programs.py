@@ -118,6 +118,23 @@ def test_a_setting_that_is_changed_within_a_process_is_another_program(cache, mo
     assert [each.dtype for each in (wide, narrow, again)] == ["float64", "float32", "float64"]
 
 
+def test_a_program_takes_what_a_kept_program_gave_without_being_compiled_again(cache, monkeypatch):
+    monkeypatch.setattr(programs, "described", lambda value: "as it is")
+    events, twice = [], known(Programs(lambda x: 2 * x, {}), np.arange(3.0))
+
+    def listener(event, seconds, **of):
+        events.append(event)
+
+    first = twice(np.arange(3.0))
+    assert first.committed, "else nothing is tested"
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        np.testing.assert_array_equal(twice(first), 4 * np.arange(3.0))
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+    assert not [event for event in events if "compile" in event]
+
+
 def test_an_error_of_the_function_itself_is_no_verdict_on_its_program(cache, monkeypatch):
     monkeypatch.setattr(programs, "described", lambda value: "as it is")
 
