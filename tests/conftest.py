@@ -58,6 +58,7 @@ gc.freeze()  # traced programs are millions of objects: looking through them aga
 gc.set_threshold(200_000, 50, 1000)
 
 
+HERE = Path(__file__).parent
 MAPS, MEMORY = Path("/proc/self/maps"), Path("/proc/self/statm")
 MOST_MAPS = 15_000
 MOST_PAGES, MOST_PAGES_WITHIN = 900_000_000 // 4096, 1_350_000_000 // 4096
@@ -106,6 +107,11 @@ def one_size():
         patch.setattr("ident.vibrate.linear.PIECES", 8192)
         patch.setattr("ident.vibrate.linear.FEWEST", 96)
         yield
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the notebooks, the longest file, and end with short ones: no process waits long for the other."""
+    items.sort(key=lambda item: (item.path.name != "test_notebooks.py", item.path.parent == HERE))
 
 
 def pytest_sessionfinish():

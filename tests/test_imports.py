@@ -49,8 +49,9 @@ ONLY_IN = {
 }
 
 
+@cache
 def imports(path):
-    return imports_of(ast.parse(path.read_text()))
+    return tuple(imports_of(ast.parse(path.read_text())))
 
 
 def imports_of(tree):
@@ -79,20 +80,21 @@ def modules():
     return sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 
 
-@pytest.mark.parametrize("module", modules(), ids=str)
-def test_no_arrow_points_up(module):
-    room = module.parts[0].removesuffix(".py")
-    for name in imports(PACKAGE / module):
-        parts = name.split(".")
-        if parts[0] == "ident" and len(parts) > 1 and room in MAY_USE:
-            assert parts[1] in MAY_USE[room] | GROUND | {room}, f"{module} imports {name}"
+def test_no_arrow_points_up():
+    every = [(module, module.parts[0].removesuffix(".py")) for module in modules()]
+    for module, room in every:
+        for name in imports(PACKAGE / module):
+            parts = name.split(".")
+            if parts[0] == "ident" and len(parts) > 1 and room in MAY_USE:
+                assert parts[1] in MAY_USE[room] | GROUND | {room}, f"{module} imports {name}"
+    assert {room for _, room in every} >= {*MAY_USE}
 
 
-@pytest.mark.parametrize("module", modules(), ids=str)
-def test_each_library_has_its_room(module):
-    for name in run(PACKAGE / module):
-        room = ONLY_IN.get(name.split(".")[0])
-        assert room is None or str(module).startswith(room), f"{module} imports {name}"
+def test_each_library_has_its_room():
+    for module in modules():
+        for name in run(PACKAGE / module):
+            room = ONLY_IN.get(name.split(".")[0])
+            assert room is None or str(module).startswith(room), f"{module} imports {name}"
 
 
 def step_of(names):
@@ -100,12 +102,14 @@ def step_of(names):
     return names[1] if len(names) > 2 and names[0] == "studies" and names[1] in STEPS_MAY_USE else None
 
 
-@pytest.mark.parametrize("module", [each for each in modules() if each.parts[0] == "studies"], ids=str)
-def test_each_step_uses_those_before_it(module):
-    own = step_of(module.parts)
-    for name in run(PACKAGE / module):
-        step = step_of([*name.split(".")[1:], ""])
-        assert step in (None, own) or step in STEPS_MAY_USE.get(own, ()), f"{module} imports {name}"
+def test_each_step_uses_those_before_it():
+    studies = [each for each in modules() if each.parts[0] == "studies"]
+    for module in studies:
+        own = step_of(module.parts)
+        for name in run(PACKAGE / module):
+            step = step_of([*name.split(".")[1:], ""])
+            assert step in (None, own) or step in STEPS_MAY_USE.get(own, ()), f"{module} imports {name}"
+    assert {step_of(module.parts) for module in studies} >= {*STEPS_MAY_USE}
 
 
 SHOWING = re.compile(r"_(report|figure|page|files)$")

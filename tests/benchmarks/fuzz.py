@@ -3,7 +3,7 @@
 Each case is drawn from the seed and its number alone: a command, one of its files (or its options, or the defaults
 beside them), and one to three mutations of it. It must end with a documented exit status and without a traceback, say
 what is wrong in whole lines that name a place, take less than 60 s of one core (a whole `source` 120 s, `diagnose`
-240 s) and 2 GB, and leave nothing half-written (`tests/test_fuzz.py` has a hundred of them).
+240 s) and 2 GB, and leave nothing half-written (`tests/test_fuzz.py` has fifty of them).
 """
 
 import argparse

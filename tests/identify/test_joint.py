@@ -6,13 +6,15 @@ from functools import cache
 import numpy as np
 import pytest
 from conformance import agrees, counted
-from joint_logs import Truth, clamped_log, joint_log
+from joint_logs import Truth, clamped_log
+from joint_logs import joint_log as new_log
 from scipy.stats import binom
 
 from ident.errors import InputError
 from ident.identify.joint import QUANTITIES, TwistSetting, joint_twist
 from ident.studies.stiffness.joint_report import joint_sections
 
+joint_log = cache(new_log)
 TRUTH = Truth()
 LOOSE = Truth(backlash=2e-4, gravity=50.0)
 LOAD = ("motor", "link", "load")
@@ -20,6 +22,12 @@ LOAD = ("motor", "link", "load")
 
 def found_in(truth, log, **more):
     return joint_twist("joint", [log] if not isinstance(log, list) else log, TwistSetting(truth.motor, **more))
+
+
+@cache
+def plainly(truth):
+    """What a truth's first log tells."""
+    return found_in(truth, joint_log(truth))
 
 
 def assert_right(truth, found, told):
@@ -32,7 +40,7 @@ def assert_right(truth, found, told):
 
 
 def test_the_motor_s_torque_tells_stiffness_and_coulomb_friction():
-    found = found_in(TRUTH, joint_log(TRUTH))
+    found = plainly(TRUTH)
     assert_right(TRUTH, found, ["stiffness", "coulomb", "delay"])
     assert not found.parted
     source = "two masses integrated by SciPy"
@@ -86,7 +94,7 @@ def test_a_torque_that_keeps_its_sign_tells_no_backlash():
 
 def test_backlash_counts_as_compliance_only_where_the_motor_s_torque_reverses():
     """Its interval does not contain the spring's stiffness then; where the torque keeps its sign it does."""
-    reversing = found_in(LOOSE, joint_log(LOOSE))
+    reversing = plainly(LOOSE)
     assert reversing.loose
     verdict = joint_sections([reversing], [joint_log(LOOSE)]).verdict
     assert (verdict.word, verdict.kind) == ("IDENTIFIED", "caution")
@@ -117,7 +125,7 @@ def test_a_clamped_joint_needs_no_link():
 
 def test_what_a_model_without_an_effect_says():
     """A delay that is left out counts as compliance that the joint does not have."""
-    found = found_in(TRUTH, joint_log(TRUTH))
+    found = plainly(TRUTH)
     assert abs(found.without["delay"].value / 2e5 - 1) > 0.2
     assert abs(found.without["friction"].value / 2e5 - 1) > 5 * abs(found.numbers["stiffness"].value / 2e5 - 1)
     assert {*found_in(TRUTH, joint_log(TRUTH), centred=True).without} == {"delay", "friction"}
@@ -125,7 +133,7 @@ def test_what_a_model_without_an_effect_says():
 
 def test_an_unknown_inertia_is_fitted():
     found = joint_twist("joint", [joint_log(TRUTH)], TwistSetting())
-    known = found_in(TRUTH, joint_log(TRUTH))
+    known = plainly(TRUTH)
     assert found.numbers["stiffness"].low < 2e5 < found.numbers["stiffness"].high
     assert found.numbers["stiffness"].high > known.numbers["stiffness"].high
 

@@ -66,36 +66,53 @@ def loaded(load: str, factor: float) -> Campaign:
 
 ALL_K = tuple(path for path in lcd_arm().paths() if path.endswith(("k_bend", "k_tors")))
 MISTAKES = {
-    "sign": (changed(value=times("deflection", -1.0)), {}, "c.csv:4, value: .*3 more.*a wrong sign or direction"),
-    "m": (changed(value=times("deflection", 1e-3)), {}, "c.csv:4, value: .*3 more.*looks like m written as mm"),
+    "sign": (
+        lambda: changed(value=times("deflection", -1.0)),
+        {},
+        "c.csv:4, value: .*3 more.*a wrong sign or direction",
+    ),
+    "m": (lambda: changed(value=times("deflection", 1e-3)), {}, "c.csv:4, value: .*3 more.*looks like m written as mm"),
     "N": (
-        loaded("50 kg @ tip", 1 / G),
+        lambda: loaded("50 kg @ tip", 1 / G),
         {},
         "c.csv:2, value: .*1 more.*looks like.* a load in N written as kg: correct",
     ),
-    "kg": (loaded("50 N -z @ tip", G), {}, "c.csv:2, value: .*1 more.*looks like.* a load in kg written as N: correct"),
-    "rad/s": (changed(value=times("frequency", 2 * math.pi)), {}, "c.csv:2, .*3 more.*rad/s written as Hz"),
-    "a factor": (changed(value=times("deflection", 8.0)), {}, r"c.csv:4, value: got .*, 8 times .*3 more like it"),
+    "kg": (
+        lambda: loaded("50 N -z @ tip", G),
+        {},
+        "c.csv:2, value: .*1 more.*looks like.* a load in kg written as N: correct",
+    ),
+    "rad/s": (
+        lambda: changed(value=times("frequency", 2 * math.pi)),
+        {},
+        "c.csv:2, .*3 more.*rad/s written as Hz",
+    ),
+    "a factor": (
+        lambda: changed(value=times("deflection", 8.0)),
+        {},
+        r"c.csv:4, value: got .*, 8 times .*3 more like it",
+    ),
     "swapped": (
-        changed(angles=lambda q: np.array(q)[[1, 0, 2]]),
+        lambda: changed(angles=lambda q: np.array(q)[[1, 0, 2]]),
         {},
         "c.csv, posture: .*joint1 and joint2 look swapped",
     ),
-    "degrees": (changed(angles=np.degrees), {}, "c.csv, posture: .*deg written as rad"),
+    "degrees": (lambda: changed(angles=np.degrees), {}, "c.csv, posture: .*deg written as rad"),
     "one stiffness": (
-        right(),
+        right,
         {"joint3.k_bend": math.pi / 180},
         "arm file, joint3.k_bend: .*N m/deg written as N m/rad",
     ),
-    "all": (right(), dict.fromkeys(ALL_K, 17.453), "arm file, all stiffnesses: .*N mm/deg written as N m/rad"),
+    "all": (right, dict.fromkeys(ALL_K, 17.453), "arm file, all stiffnesses: .*N mm/deg written as N m/rad"),
 }
+"""Campaign, factors of the arm's numbers, and what is said; a campaign is computed in its test."""
 
 
 @pytest.mark.parametrize(("campaign", "factors", "words"), MISTAKES.values(), ids=MISTAKES)
 def test_one_mistake_is_one_problem_that_names_it(campaign, factors, words):
     arm = lcd_arm().replace({path: factor * float(lcd_arm().get(path)) for path, factor in factors.items()})
     with pytest.raises(InputError, match=words) as refused:
-        check_values(pose(arm, campaign))
+        check_values(pose(arm, campaign()))
     (problem,) = refused.value.problems
     assert re.search(
         r"correct (it|the file); if they are right all the same, say so \(`trust_values` all\)$|check value",

@@ -595,7 +595,7 @@ def test_a_joint_that_hardly_moves_is_held_in_the_middle():
         ({"sigma": {"frequency": 0.0}}, "above 0"),
         ({"costs": {"gauge": 1.0}}, "one of posture"),
         ({"costs": {"dial": -1.0}}, ">= 0"),
-        ({"costs": dict.fromkeys(COSTS, 0.0)}, "an experiment that costs 0"),
+        pytest.param({"costs": dict.fromkeys(COSTS, 0.0)}, "an experiment that costs 0", marks=pytest.mark.slow),
         ({"loads": (Load.parse("glas"),)}, "glass"),
     ],
 )

@@ -143,11 +143,6 @@ def test_a_servo_adds_its_motor_with_its_own_damping():
     agrees(tool.arms[0].at(HERTZ)[1], expected, "vibration", what, source, rtol=1e-9, unit="m/N")
 
 
-def test_without_damping_there_is_none():
-    arm = lever()
-    (joint,) = arm.joints
-    bare = replace(arm, joints=(replace(joint, tau_bend=None, tau_tors=None),))
-    assert tool_compliance(modal_analysis(bare, (0.0,))).response is None
-
-    lifted = replace(arm, joints=(replace(joint, tau_bend=jnp.array(0.0), k_bend=jnp.array(2 * K)),))
+def test_where_one_mode_has_no_damping_there_is_none():
+    lifted = lever().replace({"j1.tau_bend": 0.0, "j1.k_bend": 2 * K})
     assert tool_compliance(modal_analysis(lifted, (0.0,))).response is None, "one mode is not damped"

@@ -462,7 +462,7 @@ MADE["a.zip"] = archive({"Accelerometer.csv": PHONE, "Gyroscope.csv": GYRO, "met
 @pytest.mark.parametrize("name", MADE)
 def test_a_mutated_file_is_read_or_refused_in_one_line(name):
     chance, refusals = random.Random(name), list[str]()
-    for _ in range(200):
+    for _ in range(100):
         data = mutated(MADE[name], chance)
         try:
             text, remarks = text_of(data, name) if is_binary_log(data) else ("", ())

@@ -8,7 +8,7 @@ from ident.measure.recordings.sampling import evened, held_rows
 from ident.vibrate.lines import refined
 from ident.vibrate.spectra import amplitude_spectrum, peaks
 
-DRAWS, LENGTH, NOISE = 100, 20.0, 0.02
+DRAWS, LENGTH, NOISE = 40, 20.0, 0.02
 """Length [s] of each recording, and noise relative to the amplitude."""
 
 
@@ -56,7 +56,7 @@ def line_of(even, channel=0):
 
 @pytest.mark.parametrize("stamped", [fifo_overflow, skipped, phone, held, arrival])
 def test_frequency_and_amplitude_are_right_within_their_error(stamped):
-    """Ninety-five of a hundred draws within twice the standard error, which is no larger than needed."""
+    """Ninety-five of a hundred draws are within twice the standard error, which is no larger than needed."""
     off, stated = [], []
     for seed in range(DRAWS):
         rng = np.random.default_rng(seed)
@@ -72,7 +72,7 @@ def test_frequency_and_amplitude_are_right_within_their_error(stamped):
         assert even.remarks
     off, stated = np.abs(off), np.array(stated)
     inside, excess = (off <= stated).sum(0), np.sqrt((stated**2).mean(0) / (off**2).mean(0))
-    assert (inside >= 90).all(), inside  # 95 expected: fewer than 90 in 1 % of seeds
+    assert (inside >= 35).all(), inside  # 38 expected: fewer than 35 in 1 % of seeds
     assert (excess <= 2.5).all(), excess
 
 

@@ -316,7 +316,9 @@ def test_what_is_no_usable_source_is_refused(file, tmp_path):
     ],
 )
 def test_what_is_wrong_with_a_trial_is_said(folder, change, complaint):
-    (folder / "wrong.csv").write_text(rows(STATED).replace(*change))
+    head, *body = rows(STATED).replace(*change).splitlines()
+    stated = [f"{head},delay [s]", *(f"{line},0" for line in body)]  # no clock is sought before
+    (folder / "wrong.csv").write_text("\n".join(stated))
     with pytest.raises(InputError) as refused:
         ident.source(folder / "wrong.csv")
     assert complaint in str(refused.value)

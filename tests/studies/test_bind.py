@@ -1,6 +1,7 @@
 """Saved results as one page: the order of the way, what counts on the first page, no folder of anybody's computer."""
 
 import json
+import math
 import os
 import re
 import shutil
@@ -10,7 +11,6 @@ from pathlib import Path
 
 import pypdfium2
 import pytest
-from arms import DATA
 from PIL import Image
 
 import ident
@@ -189,15 +189,15 @@ def test_a_page_of_a_command_is_its_report_with_all_details(run, tmp_path):
 
 def test_a_page_that_fails_costs_no_result(run, tmp_path):
     """A letter without a font is found when the page is drawn; a font that is none before anything is computed."""
-    arm = tmp_path / "arm.toml"
-    arm.write_text((DATA / "lcd_arm" / "arm.toml").read_text().replace("LCD transfer arm", "\u4e2d arm"))
-    code, _, err = run("resonance", arm, "--pdf", "--font", arm)
+    trace = tmp_path / "\u4e2d.csv"
+    trace.write_text("time [s],x [mm]\n" + "".join(f"{k / 100},{math.sin(k)}\n" for k in range(200)))
+    code, _, err = run("spectrum", trace, "--pdf", "--font", trace)
     assert code == 2
-    assert "arm.toml: got no readable font" in err
+    assert ".csv: got no readable font" in err
     assert not (tmp_path / "out").exists()
-    code, _, err = run("resonance", arm, "--page", "--font", arm)
+    code, _, err = run("spectrum", trace, "--page", "--font", trace)
     assert (code, "font: got a font without a PDF" in err) == (2, True)
-    code, _, err = run("resonance", arm, "--pdf")
+    code, _, err = run("spectrum", trace, "--pdf")
     assert (code, "U+4E2D" in err) == (2, True)
     assert sorted(path.suffix for path in (tmp_path / "out").glob("*.*") if path.name[0] != ".") == [".json", ".png"]
 

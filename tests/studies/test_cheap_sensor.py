@@ -89,11 +89,9 @@ def test_triage_of_one_trace_and_one_log_needs_no_table(folder, tmp_path):
 
 def test_a_trace_is_compared_on_its_own_clock(folder):
     how = {"speed": 10, "method": "fast", "trace": folder / "run10.csv"}
-    found = ident.simulate(HERE / "arm.toml", find_clock=True, **how).simulation
-    assert found.clock.offset == pytest.approx(OFFSET + FAST * found.clock.middle, abs=5e-3)
-    assert (
-        "clock of the trace, found from the motion: delay -1.29"
-        in ident.simulate(HERE / "arm.toml", find_clock=True, **how).report()
-    )
+    result = ident.simulate(HERE / "arm.toml", find_clock=True, **how)
+    clock = result.simulation.clock
+    assert clock.offset == pytest.approx(OFFSET + FAST * clock.middle, abs=5e-3)
+    assert "clock of the trace, found from the motion: delay -1.29" in result.report()
     with pytest.raises(InputError, match="find_clock: got it without a trace"):
         ident.simulate(HERE / "arm.toml", find_clock=True)

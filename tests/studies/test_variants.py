@@ -35,7 +35,7 @@ def stiffer(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(stiffer):
-    return ident.variants([FILE, stiffer, FIT], **QUICK)
+    return ident.variants([stiffer, FIT], **QUICK)
 
 
 def parts_of(document):
@@ -47,7 +47,7 @@ def parts_of(document):
 def test_each_column_is_what_the_other_studies_say(result, stiffer):
     """Mass by the file itself, vibration and settling by the exact equations, modes and compliance by `predict`."""
     motion = {name: QUICK[name] for name in ("speed", "profile", "phases")}
-    for each, arm, fit in zip(result.variants, (FILE, stiffer, FILE), (None, None, FIT), strict=True):
+    for each, arm, fit in zip(result.variants, (stiffer, FILE), (None, FIT), strict=True):
         numbers, posture = each.numbers, ((0.0, 0.0, 0.0),)
         masses = [part["mass"]["value"] for part in parts_of(tomllib.loads(arm.read_text(encoding="utf-8")))]
         assert numbers["mass"] == pytest.approx(sum(masses), rel=1e-12)
@@ -63,8 +63,8 @@ def test_each_column_is_what_the_other_studies_say(result, stiffer):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_size")
-def test_the_best_motion_is_that_of_motion(result):
-    alone = ident.motion(FILE, **QUICK)
+def test_the_best_motion_is_that_of_motion(result, stiffer):
+    alone = ident.motion(stiffer, **QUICK)
     assert result.variants[0].numbers["best_time"] == pytest.approx(alone.motions.candidates[-1].ready, rel=1e-9)
     assert alone.motions.met(alone.motions.candidates[-1])
 
@@ -74,13 +74,13 @@ def test_the_best_motion_is_that_of_motion(result):
 def test_what_differs_is_marked_and_named(result, tmp_path):
     table, report = assert_comes_back(result, tmp_path).table(), result.report(details=True)
     assert_plain(table)
-    assert [row["variant"] for row in table] == ["arm", "stiffer", "campaign.fit"]
-    assert "* 4.80" in report
+    assert [row["variant"] for row in table] == ["stiffer", "campaign.fit"]
+    assert f"* {result.variants[1].numbers['frequency2']:.2f}" in report
     assert "joint1.k_tors" in report
-    assert re.search(r"mass \[kg\] +138\.8 +138\.8 +138\.8\n", report), "the same, so not marked"
+    assert re.search(r"mass \[kg\] +138\.8 +138\.8\n", report), "the same, so not marked"
     bars = {axes.get_title(loc="left"): axes.patches for axes in result.figures()[""].axes}
     assert len({bar.get_facecolor() for bar in bars["mass [kg]"]}) == 1
-    assert len({bar.get_facecolor() for bar in bars["mode 1 at the end [Hz]"][:2]}) == 2
+    assert len({bar.get_facecolor() for bar in bars["mode 1 at the end [Hz]"]}) == 2
     best = min(result.variants, key=lambda each: each.numbers["best_time"])
     assert f"Next: ident motion {best.motions.basis.arm_file.path}" in result.report()
 

@@ -1,5 +1,7 @@
 """Pages to test with: one as a careful author writes it, one of texts that mean harm."""
 
+from functools import cache
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -38,6 +40,12 @@ def table(columns=7, rows=12):
     return Table("Joint stiffnesses", head, cells, note="Emphasised: not supported by the data.", strong=(3, 7))
 
 
+@cache
+def stops():
+    """The figures of the sample page, drawn once for all its tests."""
+    return picture(drawing(), "A decaying oscillation", "The stop."), picture(drawing(9), "A ring", "Residuals.")
+
+
 def sample_page(kind="caution"):
     words = Table(
         "Explanations that were tried",
@@ -49,7 +57,7 @@ def sample_page(kind="caution"):
         Section(
             "Elastic joints",
             ("Chi-squared is 48.2 on 31 degrees of freedom.", table(), words),
-            (picture(drawing(), "A decaying oscillation", "The stop."), picture(drawing(9), "A ring", "Residuals.")),
+            stops(),
         ),
     )
     return Page(
@@ -66,12 +74,16 @@ def sample_page(kind="caution"):
 def hostile_page():
     """Each of the texts in each place where a text can stand."""
     cells = Table(HOSTILE[0], HOSTILE, (HOSTILE, HOSTILE[::-1]), note=HOSTILE[1], strong=(1,))
-    pictures = (Picture(HOSTILE_SVG, HOSTILE[1], HOSTILE[7]), picture(titled(), HOSTILE[6], HOSTILE[0]))
-    section = Section(HOSTILE[7], (*HOSTILE, cells), pictures)
+    section = Section(HOSTILE[7], (*HOSTILE, cells), hostile_pictures())
     sections = tuple(Section(text, (text,)) for text in HOSTILE)
     pairs = tuple((text, text) for text in HOSTILE)
     verdict = Verdict(HOSTILE[0] + HOSTILE[7], HOSTILE[0] + HOSTILE[7], "caution")
     return Page(HOSTILE[0] + HOSTILE[7], HOSTILE[1], verdict, pairs, (section, *sections), cells, pairs)
+
+
+@cache
+def hostile_pictures():
+    return Picture(HOSTILE_SVG, HOSTILE[1], HOSTILE[7]), picture(titled(), HOSTILE[6], HOSTILE[0])
 
 
 def titled():

@@ -50,25 +50,27 @@ def sparingly():
                 plain = target.__init__
                 target = check(target)
                 if target.__init__ is not plain:
-                    target.__init__ = _first(target.__init__, plain)
+                    checking = target.__init__
+                    target.__init__ = _first(lambda: checking, plain)
                 return target
             made[target.__code__] += 1
-            return target if made[target.__code__] > MADE else _first(check(target), target)
+            return target if made[target.__code__] > MADE else _first(lambda: check(target), target)
 
         return decorate
 
     jaxtyping.jaxtyped = decorator
 
 
-def _first(checking, plain):
-    """Return a function that checks the first calls."""
-    left = CALLS
+def _first(checked, plain):
+    """Return a function that checks the first calls, by a function that is made for the first of them."""
+    left, checking = CALLS, None
 
     @wraps(plain)
     def call(*args, **kwargs):
-        nonlocal left
+        nonlocal left, checking
         if left > 0:
             left -= 1
+            checking = checking or checked()
             return checking(*args, **kwargs)
         return plain(*args, **kwargs)
 

@@ -10,7 +10,6 @@ from runs import named
 from scipy.stats import binomtest
 from swept import axis
 
-from ident.arm.arm import loss_paths
 from ident.arm.chain import no_loads
 from ident.errors import InputError, ModelError
 from ident.vibrate.binomial import BinomialEstimate
@@ -101,18 +100,6 @@ def test_slopes_and_sensitivities_are_those_of_differences():
     np.testing.assert_allclose(got.draws, logs[..., 1:], rtol=1e-4, atol=1e-4)
     strongest = np.abs(logs[:, np.argmax(got.amplitude), 0]).argmax()
     assert got.order[0] == strongest
-
-
-@slow
-def test_slopes_by_a_loss_factor_and_by_a_stiffness_that_has_one_are_those_of_differences():
-    none = {path.replace("loss", "tau"): 0.0 for path in loss_paths(lcd_arm())}
-    lossy = lcd_arm().replace(none | dict.fromkeys(loss_paths(lcd_arm()), 0.03))
-    variables = [about(K1), Variable(("joint1.loss_tors",), 0.01, 0.1)]
-    trial, x = replace(smooth(variables), arm=lossy, draws={}), np.array([0.0, 0.1])
-    differences = central(lambda x: trial.amplitudes(x[None])[:, 0], x, 4e-3)[..., 0]
-    slopes = trial.slopes(x)[1].reshape(differences.shape)
-    np.testing.assert_allclose(slopes, differences, atol=1e-5 * np.abs(differences).max())
-    assert (np.abs(differences).max(1) > 1e-6).all()
 
 
 def test_what_is_changeable():

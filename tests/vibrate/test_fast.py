@@ -49,7 +49,7 @@ def test_order() -> None:
 @pytest.mark.slow
 def test_kinematic_error_needs_no_shorter_steps_and_intervals() -> None:
     """Half the step and half the turn change the vibration by less than 0.1 % of its largest peak."""
-    arm, motion = with_error(60.0), named(stroke(lcd_arm().stroke, percent=100, dwell=1.0))
+    arm, motion = with_error(60.0), named(stroke(lcd_arm().stroke, percent=100, dwell=0.5))  # by programs of `paper`
     step = step_for(arm, motion)
     solve = fast_method(arm, motion, None, False, RATE, step)
     halved = time_intervals(motion, float(solve.time[-1]), step / 2, turn=TURN_WITH_ERROR / 2)

@@ -38,6 +38,7 @@ SWING = along(Polynomial([0, 0, 1.2, -0.8]), 1.0, (1,), (0.3,))
 """Half a turn a second at most: the imbalance passes the first frequencies."""
 
 PATHS = ("one.k_tors", "one.k_bend", "one.tau_tors", "link.mass", "link.com.x", "drive.eccentricity")
+LOSSES = "one.loss_bend", "one.loss_tors"
 CHANGE = 1e-5
 """Of the central differences, as a part of each value."""
 
@@ -158,6 +159,26 @@ def test_gradients():
     assert (size > 0).all()
     what, source = "slopes of peak and RMS by an arm's numbers", "differences of order 4"
     agrees(mine / size, measured / size, "vibration", what, source, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_gradients_by_a_loss_factor_and_by_a_stiffness_that_has_one():
+    none = {path.replace(".loss_", ".tau_"): 0.0 for path in LOSSES}
+    arm, paths = ARM.replace(none | dict.fromkeys(LOSSES, 0.03)), ("one.k_tors", "one.loss_tors", "one.loss_bend")
+
+    def logs(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        values = {path: arm.get(path) * jnp.exp(own) for path, own in zip(paths, x, strict=True)}
+        found = jnp.log(measures(arm.replace(values)))
+        return found, found
+
+    slopes = jax.jit(jax.jacfwd(logs, has_aux=True))
+    mine = np.asarray(slopes(jnp.zeros(3))[0])
+    low2, low, high, high2 = (
+        np.stack([slopes(jnp.asarray(shift * step))[1] for step in np.eye(3)], 1)
+        for shift in (-4e-4, -2e-4, 2e-4, 4e-4)
+    )
+    np.testing.assert_allclose(mine, (8 * (high - low) - (high2 - low2)) / 24e-4, atol=1e-5)
+    assert (np.abs(mine).max(0) > 1e-3).all()
 
 
 def test_sets_are_single_arms():
