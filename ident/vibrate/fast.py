@@ -282,7 +282,7 @@ def _at_middles(middles: Float[Array, "m S"], x: Float[Array, "m k S"]) -> Float
 
 
 class Waves(NamedTuple):
-    """What asks for moments within an interval whatever the transmission error, at its nodes [N m].
+    """The moments that the motion and the eccentric masses ask for, at the nodes of an interval [N m].
 
     Attributes:
         sure: (n, m) at any angle of the pulleys: the quasi-static deflection, and the inertia of the eccentric masses.
@@ -305,9 +305,8 @@ def _waves(model: Multibody, motion: Motion, linear: Linear, nodes: Float[Array,
     def asked(quarters: Array, own: Float[Array, "N"]) -> Float[Array, "n m"]:
         angle = jnp.broadcast_to(quarters * (jnp.pi / 2) - model.drives.phase, pulley.angle.shape)
         forces = imbalance(model, linear.kinematics, pulley._replace(angle=angle))
-        return equations(
-            model, linear.kinematics, jnp.ones_like(angle), jax.tree.map(lambda x: x * own[:, None], forces)
-        )
+        alone = jax.tree.map(lambda x: x * own[:, None], forces)
+        return equations(model, linear.kinematics, jnp.ones_like(angle), alone)
 
     each = jnp.eye(model.joints)[np.asarray(model.driven, int)]
     ahead, quarter, back, last = jax.vmap(jax.vmap(asked, (None, 0), 1), (0, None))(jnp.arange(4.0), each)
@@ -326,10 +325,8 @@ def _turned(
 ) -> Float[Array, "chunks 2 D places"]:
     """Return cosine and sine of each eccentric mass's angle at all stages: in one loop, XLA computes each once."""
     line = interpolate(linear.quasi_static, jnp.concatenate([*jnp.asarray(at.stages)[:, 0]], 1))
-    angle = (
-        _pulleys(model, motion, start + h * jnp.ravel(jnp.asarray(at.in_steps)), (line,) * 3).angle + model.drives.phase
-    )
-    angle = angle[np.asarray(model.driven, int)]
+    pulley = _pulleys(model, motion, start + h * jnp.ravel(jnp.asarray(at.in_steps)), (line,) * 3)
+    angle = (pulley.angle + model.drives.phase)[np.asarray(model.driven, int)]
     turned = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     return jnp.moveaxis(turned.reshape((*turned.shape[:2], *at.in_steps.shape)), 2, 0)
 
@@ -568,7 +565,8 @@ def numbers_of(arm: Arm) -> dict[str, AnyArray]:
 def on_device(tree: T) -> T:
     """Return the same with its arrays where programs take them from without a transfer."""
     arrays, rest = eqx.partition(tree, eqx.is_array)
-    return eqx.combine(jax.device_put(arrays), rest)
+    with jax.ensure_compile_time_eval():  # no part of a program that is being traced
+        return eqx.combine(jax.device_put(arrays), rest)
 
 
 def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
@@ -691,10 +689,10 @@ def at_once(jobs: Sequence[Callable[[], Any]]) -> list[Any]:
 
 
 @jit
-def _traced(arm: Arm, numbers: Sets, solve: FastMethod, keep: Keep, own: Sets) -> Any:
+def _traced(arm: Arm, numbers: dict[str, Any], solve: FastMethod, keep: Keep, own: Sets) -> Any:
     """Return the kept results of each arm, arms first, all by one program: for tracing and differentiation."""
 
-    def one(values: Sets) -> Any:
+    def one(values: dict[str, Any]) -> Any:
         changed = arm.replace(values | own)
         linear = solve.linearised(changed)
         return keep(solve, changed, linear, solve.excited(changed, linear))
