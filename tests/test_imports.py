@@ -133,7 +133,7 @@ def test_the_check_sees_imports():
 
 
 REACHES = {
-    "predict": 17_000,
+    "predict": 17_100,
     "fit": 24_200,
     "simulate": 21_300,
     "sample": 26_600,
@@ -145,7 +145,7 @@ REACHES = {
     "source": 24_100,
     "balance": 28_000,
     "joint": 14_900,
-    "triage": 23_800,
+    "triage": 23_900,
     "diagnose": 47_200,
 }
 """Lines of the modules that a study can reach, with its report, figure, page and files: no more, rather less.

@@ -80,7 +80,7 @@ def simulate(
         setup = partial(fast_method, arm, motion, loads, elastic_belts, rate)
         solution = exact.integrate(arm, motion, setup, min(step or np.inf, fast.step_for(arm, motion) / 2))
     else:
-        solution = _whole(arm, fast_method(arm, motion, loads, elastic_belts, rate, step))
+        solution = _whole(arm, batch, fast_method(arm, motion, loads, elastic_belts, rate, step))
         refuse_collapse(motion, solution.displacement)
         refuse_curved(arm, solution.missed)
     model = _multibody(arm, loads, 1 + len(batch), elastic_belts, has_transmission_error(arm))
@@ -88,9 +88,9 @@ def simulate(
     return Response(model, motion, time, *solution[:2], path, *solution[3:6], method)
 
 
-def _whole(arm: Arm, solve: FastMethod) -> Solution:
-    """Solve for an arm, and for each of its batch `(*batch)`, whose axes come last."""
-    batch, numbers, xp = arm.batch, numbers_of(arm), library(arm)
+def _whole(arm: Arm, batch: tuple[int, ...], solve: FastMethod) -> Solution:
+    """Solve for an arm, and for each of its batch, whose axes come last."""
+    numbers, xp = numbers_of(arm), library(arm)
     flat = {path: (xp.broadcast_to(x, batch) if batch else xp.asarray(x)).reshape(-1) for path, x in numbers.items()}
     solutions = each_of(nominal(arm) if batch else arm, flat, solve, FastMethod.solution)
     return jax.tree.map(lambda x: x.reshape((*x.shape[:-2], *batch)), solutions)
