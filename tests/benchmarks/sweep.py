@@ -10,8 +10,8 @@ that of the whole sweep, compiled before.
 
 import argparse
 import sys
-import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
@@ -21,7 +21,7 @@ import numpy as np
 from arms import lcd_arm
 from mujoco_arm import MujocoTransient
 from swept import axis
-from timing import machine
+from timing import least, machine
 from transient import RATE, error, mujoco, seconds_of_stroke
 
 from ident.arm.arm import Arm
@@ -37,14 +37,10 @@ def figure_nine(arm: Arm, count: int) -> list[Axis]:
     return [axis(arm, [path], float(arm.get(path)) * np.geomspace(0.4, 2.5, count), 10.0) for path in paths]
 
 
-def ours(trial: Evaluator, axes: list[Axis], repeat: int) -> tuple[float, tuple[Sweep, ...]]:
-    """Return the least time [s] of all sweeps, and what they find."""
-    found, times = sweeps(trial, axes), []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        found = sweeps(trial, axes)
-        times.append(time.perf_counter() - start)
-    return min(times), found
+def ours(trial: Evaluator, axes: list[Axis], repeat: int) -> tuple[float, float, tuple[Sweep, ...]]:
+    """Return the least time and the least CPU time [s] of all sweeps, and what they find."""
+    found = sweeps(trial, axes)
+    return *least(lambda: sweeps(trial, axes), repeat), found
 
 
 def theirs(arm: Arm, motion: Motion, axes: list[Axis], step: float, repeat: int) -> tuple[float, np.ndarray]:
@@ -54,12 +50,8 @@ def theirs(arm: Arm, motion: Motion, axes: list[Axis], step: float, repeat: int)
         for value in one.values:
             changed = arm.replace({one.paths[0]: np.asarray(value)})
             peer = MujocoTransient(changed, lambda t: tuple(np.asarray(part) for part in motion(t)), 10.0)
-            moved, times = peer.run(step, every=every).displacement, []
-            for _ in range(repeat):
-                start = time.perf_counter()
-                peer.run(step, every=every)
-                times.append(time.perf_counter() - start)
-            total += min(times)
+            moved = peer.run(step, every=every).displacement
+            total += least(partial(peer.run, step, every=every), repeat)[0]
             peaks.append(np.abs(moved - moved[:, :1]).max(1))
     return total, np.stack(peaks, 1)
 
@@ -83,11 +75,12 @@ def main() -> None:
     exact = simulate(arm, motion, method="exact", rate=RATE).vibration
     apart = error(simulate(arm, motion, rate=RATE, step=step).vibration, exact)
     single = mujoco(arm, motion, apart, repeat)
-    mine, found = ours(replace(trial, step=step), axes, repeat)
+    mine, cpu, found = ours(replace(trial, step=step), axes, repeat)
     other, peaks = theirs(arm, motion, axes, single[0], repeat)
     print(f"ident errs by {apart:.1e} of the largest; MuJoCo, RK4, step {1e3 * single[0]:g} ms, by {single[1]:.1e}")
     print(f"MuJoCo, {runs} runs of 10 s, each with its own stiffness: {other:.2f} s, {1e3 * other / runs:.1f} ms a run")
     print(f"ident, the sweep: {mine:.2f} s, {1e3 * mine / runs:.1f} ms a run, {other / mine:.1f} times as fast")
+    print(f"by CPU time: {1e3 * cpu / runs:.1f} ms a run, {other / cpu:.1f} times as fast")
     whole = np.concatenate([one.amplitude for one in found], 1)
     print(f"largest Y: ident {1e3 * whole[1].max():.3f} mm, MuJoCo, from its start, {1e3 * peaks[1].max():.3f} mm")
     print(machine())

@@ -23,6 +23,17 @@ def timed(f: Callable[[], Any], repeat: int, per: int = 1) -> tuple[float, float
     return min(times), float(np.median(times))
 
 
+def least(f: Callable[[], Any], repeat: int) -> tuple[float, float]:
+    """Return the least time and the least CPU time [s] of f, which has run before."""
+    times = []
+    for _ in range(repeat):
+        start, cpu = time.perf_counter(), time.process_time()
+        f()
+        times.append((time.perf_counter() - start, time.process_time() - cpu))
+    wall, cpu = map(min, zip(*times, strict=True))
+    return wall, cpu
+
+
 def table(title: str, rows: list[tuple[str, tuple[float, float]]], reference: int = 0) -> None:
     """Print times and their ratio to one of the rows."""
     print(f"\n{title}\n{'':58s}{'min us':>11s}{'median us':>11s}{'ratio':>9s}")

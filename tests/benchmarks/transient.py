@@ -9,6 +9,7 @@ from the exact ones by more than that whatever the step (`mujoco_arm.py`), which
 
 import argparse
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,11 @@ import numpy as np
 from arms import lcd_arm
 from mujoco_arm import MujocoTransient
 from sizes import column
-from timing import machine, timed
+from timing import least, machine, timed
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.parts import Drive, Stroke
+from ident.programs import cores
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.response import peak
 from ident.vibrate.simulate import simulate
@@ -79,6 +81,20 @@ def mujoco(arm: Arm, motion: Motion, wanted: float, repeat: int) -> tuple[float,
     return step, apart, timed(lambda: peer.run(step, every=round(every)).displacement, repeat)[0] / 1e6
 
 
+def mujoco_on_all_cores(arm: Arm, motion: Motion, step: float, repeat: int) -> float:
+    """Return the least time [s] of a run of MuJoCo's where one runs on each core."""
+    peers = [
+        MujocoTransient(arm, lambda t: tuple(np.asarray(part) for part in motion(t)), 10.0) for _ in range(cores())
+    ]
+    with ThreadPoolExecutor(cores()) as pool:
+
+        def once() -> None:
+            list(pool.map(lambda peer: peer.run(step, every=round(1 / RATE / step)), peers))
+
+        once()
+        return least(once, repeat)[0] / cores()
+
+
 def shaken_column(joints: int) -> Arm:
     """Return an arm of equal joints, each with a drive."""
     arm = column(joints)
@@ -120,12 +136,16 @@ def main() -> None:
     step, theirs_apart, theirs = mujoco(arm, motion, apart, repeat)
     single = ours(arm, motion, repeat)
     many = 16 if quick else 64
-    batch = ours(draws(arm, many), motion, 3) / many
+    sets, all_cores = draws(arm, many), mujoco_on_all_cores(arm, motion, step, repeat)
+    ours(sets, motion, 1)
+    batch, cpu = (x / many for x in least(lambda: simulate(sets, motion, rate=RATE).vibration, 3))
     print(f"peak {np.round(1e3 * np.asarray(peak(exact)), 4)} mm; the fast path errs by {apart:.1e} of the largest")
     print(f"MuJoCo, RK4, step {1e3 * step:g} ms, errs by {theirs_apart:.1e}: {1e3 * theirs:.1f} ms for 10 s")
     print(f"ident, one run: {1e3 * single:.1f} ms, {theirs / single:.1f} times as fast")
     print(f"ident, exact equations, steps halved: {1e3 * ours(arm, motion, repeat, 'exact'):.1f} ms")
-    print(f"ident, {many} sets of stiffnesses: {1e3 * batch:.1f} ms a set, {theirs / batch:.1f} times as fast")
+    print(f"MuJoCo, {cores()} runs at once: {1e3 * all_cores:.1f} ms a run")
+    print(f"ident, {many} sets of stiffnesses: {1e3 * batch:.1f} ms a set, {all_cores / batch:.1f} times as fast")
+    print(f"by CPU time: {1e3 * cpu:.1f} ms a set, {theirs / cpu:.1f} times as fast")
     if not quick:
         print(f"ident, 200 draws: {ours(draws(arm, 200), motion, 1):.1f} s")
     table(quick)
