@@ -523,11 +523,11 @@ class Numbers(eqx.Module):
 
     Attributes:
         paths: of the numbers.
-        values: (P,) [SI]
+        values: (P,) [SI], or (K, P) of some sets of them.
     """
 
     paths: tuple[str, ...] = eqx.field(static=True)
-    values: Float[AnyArray, "P"]
+    values: Float[AnyArray, "*K P"]
 
     @classmethod
     def of(cls, numbers: Mapping[str, AnyArray]) -> "Numbers":
