@@ -530,7 +530,7 @@ class Numbers(eqx.Module):
     values: Float[AnyArray, "*K P"]
 
     @classmethod
-    def of(cls, numbers: Mapping[str, AnyArray]) -> "Numbers":
+    def of(cls, numbers: Mapping[str, Any]) -> "Numbers":
         """Gather numbers by path."""
         return cls(tuple(numbers), np.array(list(numbers.values()), float))
 
