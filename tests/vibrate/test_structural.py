@@ -18,7 +18,7 @@ from ident.arm.fields import ALPHA
 from ident.arm.modes import linearize
 from ident.arm.multibody import mass_and_forces, multibody
 from ident.vibrate import exact
-from ident.vibrate.fast import linearised_for, numbers_of, step_for
+from ident.vibrate.fast import Numbers, linearised_for, numbers_of, step_for
 from ident.vibrate.linear import between_nodes, quasi_static_deflection
 from ident.vibrate.motion import command, stroke
 from ident.vibrate.response import peak
@@ -97,7 +97,7 @@ def test_between_nodes_the_matrix_gives_the_ratios_of_the_posture_and_takes_ener
     """At a hundred places of the stroke, those where modes veer among them; ratios of light modes."""
     arm, motion = lossy(), named(stroke(lcd_arm().stroke, percent=10, dwell=0.5))
     method = fast_method(arm, motion, None, False, 500.0, step_for(arm, motion))
-    linear = linearised_for(arm, numbers_of(arm), method).equations
+    linear = linearised_for(arm, Numbers.of(numbers_of(arm)), method).equations
     time = jnp.linspace(0.0, float(motion.breaks[-1]) - 0.5, 100)
     lost = np.asarray(between_nodes(method.grid, linear.lost.reshape((len(linear.lost), 81, -1)), time)[0])
     for D, posture in zip(lost.reshape((9, 9, -1)).transpose(2, 0, 1), np.asarray(motion(time)[0]).T, strict=True):
