@@ -229,7 +229,7 @@ class Programs:
 
 
 def _one_place() -> dict[str, Any]:
-    """Return jax's option for arguments on the only device: else those that a kept program gave need another one."""
+    """Return jax's option for arguments on the only device; without, it compiles again for those of a kept program."""
     devices = jax.local_devices()
     return {"in_shardings": jax.sharding.SingleDeviceSharding(devices[0])} if len(devices) == 1 else {}
 
@@ -406,7 +406,7 @@ def _outermost(f: Callable[..., Any], tree: Any, static: tuple[Any, ...], option
         arrays, rest = eqx.partition(f(*args, **more), eqx.is_array)
         return arrays, _Static(rest if jax.tree.leaves(rest) else None)
 
-    flat.__name__ = getattr(f, "__name__", flat.__name__)
+    flat.__name__ = f.__name__
     return jax.jit(flat, **options)
 
 

@@ -83,6 +83,7 @@ def hostile_page():
 
 @cache
 def hostile_pictures():
+    """Its figures, drawn once."""
     return Picture(HOSTILE_SVG, HOSTILE[1], HOSTILE[7]), picture(titled(), HOSTILE[6], HOSTILE[0])
 
 
