@@ -321,10 +321,9 @@ def _turned(
     model: Multibody, motion: Motion, linear: Linear, at: StepWeights, start: Array, h: Array
 ) -> Float[Array, "chunks 2 D places"]:
     """Return cosine and sine of each eccentric mass's angle at all stages: in one loop, XLA computes each once."""
-    y = interpolate(linear.quasi_static, jnp.concatenate([*jnp.asarray(at.stages)[:, 0]], 1))
-    commanded = command(model, motion, start + h * jnp.ravel(jnp.asarray(at.in_steps)))
-    angle = model.drives.ratio * (of_joints(model, commanded.q) + deviations(model, y)) + model.drives.phase
-    angle = angle[np.asarray(model.driven, int)]
+    q = of_joints(model, command(model, motion, start + h * jnp.ravel(jnp.asarray(at.in_steps))).q)
+    bent = deviations(model, interpolate(linear.quasi_static, jnp.concatenate([*jnp.asarray(at.stages)[:, 0]], 1)))
+    angle = (model.drives.ratio * (q + bent) + model.drives.phase)[np.asarray(model.driven, int)]
     turned = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     return jnp.moveaxis(turned.reshape((*turned.shape[:2], *at.in_steps.shape)), 2, 0)
 
