@@ -510,25 +510,29 @@ def deviations(model: Multibody, y: Array) -> Joints:
     return jnp.stack([own.get(joint, none) for joint in range(model.joints)])
 
 
-def end_point(model: Multibody, q: Joints, phi: Phi | None = None) -> Float[Array, "3 *#batch"]:
+def end_point(
+    model: Multibody, q: Joints, phi: Phi | None = None, turn: tuple[Joints, Joints] | None = None
+) -> Float[Array, "3 *#batch"]:
     """Return the last named point in the base frame [m], from it inwards joint by joint.
 
     Args:
         model: the multibody model of the arm under its load.
         q: (N, *batch) [rad] angles of all pins.
         phi: (3, N, *batch) [rad] rotations of all bushings; none when None.
+        turn: cosine and sine of q, where they are known.
     """
+    cosine, sine = turn or (jnp.cos(q), jnp.sin(q))
     r = tuple(model.position[:, -1])
     for joint in range(model.carrier[-1], -1, -1):
-        r = turned(r, model.axis[:, joint], q[joint])
+        r = turned(r, model.axis[:, joint], cosine[joint], sine[joint])
         r = r if phi is None else rotated(r, phi[:, joint])
         r = tuple(x + start for x, start in zip(r, model.offset[:, joint], strict=True))
     return jnp.stack(jnp.broadcast_arrays(*r))
 
 
-def of_joints(model: Multibody, driven: Float[AnyArray, "driven *#batch"]) -> Joints:
-    """Return what driven joints have of all joints, zero of the others."""
-    none = jnp.zeros_like(driven[0])
+def of_joints(model: Multibody, driven: Float[AnyArray, "driven *#batch"], still: float = 0.0) -> Joints:
+    """Return what driven joints have of all joints, `still` of the others."""
+    none = jnp.full_like(driven[0], still)
     return jnp.stack([driven[model.driven.index(j)] if j in model.driven else none for j in range(model.joints)])
 
 

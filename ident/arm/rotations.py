@@ -80,9 +80,8 @@ def turn_about(axis: Vector, angle: Float[Array, "*#batch"]) -> Matrix:
     return sine + outer(axis, axis) * (1 - jnp.cos(angle)) + identity(3, axis.ndim - 1) * jnp.cos(angle)
 
 
-def turned(v: Components, axis: Vector, angle: Float[Array, "*#batch"]) -> Components:
-    """Return v turned about a unit axis, see `turn_about`."""
-    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+def turned(v: Components, axis: Vector, cosine: Float[Array, "*#batch"], sine: Float[Array, "*#batch"]) -> Components:
+    """Return v turned about a unit axis by an angle of this cosine and sine, see `turn_about`."""
     along = (1 - cosine) * _dot(axis, v)
     return tuple(x * cosine + y * sine + n * along for x, y, n in zip(v, _cross(axis, v), axis, strict=True))
 

@@ -22,8 +22,11 @@ from ident.vibrate.fast import (
     FastMethod,
     Linearised,
     Numbers,
+    Sets,
     at_once,
     each_arm,
+    for_sets,
+    in_shares,
     numbers_of,
     on_device,
     refuse_collapse,
@@ -116,18 +119,25 @@ def linear_along(arm: Arm, values: Numbers, directions: Numbers, solve: FastMeth
 
 @jit
 def solved_along(
-    arm: Arm, values: Numbers, directions: Numbers, linear: LinearisedPair, solve: FastMethod
-) -> tuple[tuple[Fast, Fast], Float[Array, "3 T"]]:
-    """Return an arm's response, how it changes along directions, and its vibration at the samples [m]."""
+    arm: Arm, values: Numbers, directions: Numbers, sets: Sets, linear: LinearisedPair, solve: FastMethod
+) -> tuple[tuple[Fast, Fast], Float[Array, "sets 3 T"]]:
+    """Return an arm's responses with some sets, how they change along directions, and its vibrations [m]."""
 
-    def excited(now: Numbers, linear: Linearised) -> Fast:
-        return solve.excited(now.set_in(arm), linear)
+    def one(own: Sets) -> tuple[Fast, Fast]:
+        def excited(now: Numbers, linear: Linearised) -> Fast:
+            return solve.excited(now.set_in(arm, own), linear)
 
-    def along(direction: Numbers, changing: Linearised) -> tuple[Fast, Fast]:
-        return jax.jvp(excited, (values, linear[0]), (direction, changing))
+        def along(direction: Numbers, changing: Linearised) -> tuple[Fast, Fast]:
+            return jax.jvp(excited, (values, linear[0]), (direction, changing))
 
-    pair: tuple[Fast, Fast] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
-    return pair, solve.vibration(values.set_in(arm), linear[0], pair[0])
+        pair: tuple[Fast, Fast] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
+        return pair
+
+    def vibration(own: Sets, solved: Fast) -> Array:
+        return solve.vibration(values.set_in(arm, own), linear[0], solved)
+
+    pair = for_sets(one, sets)
+    return pair, for_sets(vibration, sets, pair[0], in_turn=True)
 
 
 @jit
@@ -135,22 +145,26 @@ def vibration_along(
     arm: Arm,
     values: Numbers,
     directions: Numbers,
+    sets: Sets,
     linear: LinearisedPair,
     solved: tuple[Fast, Fast],
     solve: FastMethod,
     places: Int[AnyArray, "3 W"] | None,
-) -> tuple[Float[Array, "3 W"], Float[Array, "WIDTH 3 W"]]:
-    """Return the vibration at some samples of each direction, or at all, and its slopes along directions [m]."""
+) -> tuple[Float[Array, "sets 3 W"], Float[Array, "sets WIDTH 3 W"]]:
+    """Return the vibrations at some samples of each direction, or at all, and their slopes along directions [m]."""
 
-    def seen(now: Numbers, linear: Linearised, solved: Fast) -> Array:
-        time = None if places is None else jnp.asarray(solve.time)[jnp.ravel(places)]
-        whole = solve.vibration(now.set_in(arm), linear, solved, time)
-        return whole if places is None else whole.reshape((3, *places.shape))[np.arange(3), np.arange(3)]
+    def one(own: Sets, solved: tuple[Fast, Fast]) -> tuple[Array, Array]:
+        def seen(now: Numbers, linear: Linearised, solved: Fast) -> Array:
+            time = None if places is None else jnp.asarray(solve.samples.time)[jnp.ravel(places)]
+            whole = solve.vibration(now.set_in(arm, own), linear, solved, time)
+            return whole if places is None else whole.reshape((3, *places.shape))[np.arange(3), np.arange(3)]
 
-    def along(*tangents: Any) -> tuple[Array, Array]:
-        return jax.jvp(seen, (values, linear[0], solved[0]), tangents)
+        def along(*tangents: Any) -> tuple[Array, Array]:
+            return jax.jvp(seen, (values, linear[0], solved[0]), tangents)
 
-    return jax.vmap(along, out_axes=(None, 0))(directions, linear[1], solved[1])
+        return jax.vmap(along, out_axes=(None, 0))(directions, linear[1], solved[1])
+
+    return for_sets(one, sets, solved, in_turn=True)
 
 
 def places_of(measure: Amplitude, size: Float[np.ndarray, "3 T"]) -> Int[np.ndarray, "3 more"] | None:
@@ -331,16 +345,22 @@ class Evaluator:
         arms = each_arm(self.batch(change[None]))[which]
         groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
         ways = [(values, directions_of(values, variables)) for variables in groups for values in arms]
+        shares = in_shares(sets, cores())
+
+        def gathered(of_shares: Sequence[np.ndarray]) -> np.ndarray:
+            real = [x[:some] for x, (some, _) in zip(of_shares, shares, strict=True)]
+            return np.moveaxis(np.concatenate(real), 0, -1)
 
         def one(values: Numbers, along: Numbers, run: Callable[[Any], list[Any]]) -> Any:
-            linear, turned = linear_along(arm, values, along, solve), [values.changed(own) for own in sets]
-            solved = run([partial(solved_along, arm, own, along, linear, solve) for own in turned])
-            places = places_of(measure, largest_over_phases(*parts_of(np.stack([x for _, x in solved], -1))))
+            linear = linear_along(arm, values, along, solve)
+            solved = run([partial(solved_along, arm, values, along, own, linear, solve) for _, own in shares])
+            vibration = gathered(jax.device_get([x for _, x in solved]))
+            places = places_of(measure, largest_over_phases(*parts_of(vibration)))
             jobs = [
-                partial(vibration_along, arm, own, along, linear, pair, solve, places)
-                for own, (pair, _) in zip(turned, solved, strict=True)
+                partial(vibration_along, arm, values, along, own, linear, pair, solve, places)
+                for (_, own), (pair, _) in zip(shares, solved, strict=True)
             ]
-            seen, ways = (np.stack(part, -1) for part in zip(*jax.device_get(run(jobs)), strict=True))
+            seen, ways = map(gathered, zip(*jax.device_get(run(jobs)), strict=True))
             return with_slopes(measure, parts_of(seen), parts_of(ways))
 
         if len(ways) > 1:

@@ -43,8 +43,8 @@ from ident.vibrate.fast import (
     numbers_of,
     on_device,
     refuse_collapse,
-    repeated,
     sampled_for,
+    samples_of,
     stepped,
 )
 from ident.vibrate.linear import (
@@ -135,7 +135,7 @@ def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution
         start: see `integrate`.
     """
     arm, values = on_device(arm), Numbers.of(numbers_of(arm))
-    time, grid, parts = np.asarray(method.time)[: int(method.samples)], concrete(method.grid), []
+    time, motion, grid, parts = method.samples.wanted, concrete(method.motion), concrete(method.grid), []
     firsts = range(0, int(np.isfinite(grid.start).sum()), FEWEST)
     times = np.split(time, np.searchsorted(time, grid.start[list(firsts[1:])]))
     at_rest = start is None
@@ -143,7 +143,7 @@ def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution
     for first, within in zip(firsts, times, strict=True):
         some = slice(first, first + FEWEST)
         own, inside = grid._replace(start=grid.start[some], step=grid.step[some]), within if len(within) else time[:1]
-        part = replace(method, grid=own, time=repeated(inside), samples=np.asarray(len(within)))
+        part = replace(method, grid=own, samples=samples_of(motion, inside))
         linear = linearised_for(arm, values, part)
         state = np.zeros(2 * linear.equations.quasi_static.shape[1]) if at_rest else state
         here, state = _solved(arm, values, part, linear, np.asarray(at_rest), state)

@@ -306,7 +306,7 @@ def _waves(model: Multibody, motion: Motion, linear: Linear, nodes: Float[Array,
     pulley = pins(balanced(model), command(model, motion, nodes), turning).pulley
 
     def asked(quarters: Array, own: Float[Array, "N"]) -> Float[Array, "n m"]:
-        angle = jnp.broadcast_to(quarters * (jnp.pi / 2) - model.drives.phase, pulley.angle.shape)
+        angle = jnp.broadcast_to(quarters * (jnp.pi / 2), pulley.angle.shape)
         forces = imbalance(model, linear.kinematics, pulley._replace(angle=angle))
         alone = jax.tree.map(lambda x: x * own[:, None], forces)
         return equations(model, linear.kinematics, jnp.ones_like(angle), alone)
@@ -320,10 +320,10 @@ def _waves(model: Multibody, motion: Motion, linear: Linear, nodes: Float[Array,
 def _turned(
     model: Multibody, motion: Motion, linear: Linear, at: StepWeights, start: Array, h: Array
 ) -> Float[Array, "chunks 2 D places"]:
-    """Return cosine and sine of each eccentric mass's angle at all stages: in one loop, XLA computes each once."""
+    """Return cosine and sine of each pulley's angle at all stages: in one loop, XLA computes each once."""
     q = of_joints(model, command(model, motion, start + h * jnp.ravel(jnp.asarray(at.in_steps))).q)
     bent = deviations(model, interpolate(linear.quasi_static, jnp.concatenate([*jnp.asarray(at.stages)[:, 0]], 1)))
-    angle = (model.drives.ratio * (q + bent) + model.drives.phase)[np.asarray(model.driven, int)]
+    angle = (model.drives.ratio * (q + bent))[np.asarray(model.driven, int)]
     turned = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     return jnp.moveaxis(turned.reshape((*turned.shape[:2], *at.in_steps.shape)), 2, 0)
 
@@ -381,6 +381,32 @@ class Solution(NamedTuple):
     missed: AnyArray | None = None
 
 
+class Samples(NamedTuple):
+    """When the response is wanted, padded to one of few numbers: one program serves motions of any length.
+
+    Attributes:
+        time: (T,) [s] the last one repeated.
+        turn: (2, driven, T) cosine and sine of the commanded angles then: half of what samples cost XLA.
+        number: () of the times that are wanted.
+    """
+
+    time: Times
+    turn: Float[AnyArray, "2 driven T"]
+    number: Int[AnyArray, ""]
+
+    @property
+    def wanted(self) -> Float[np.ndarray, "wanted"]:
+        """The times that are wanted [s]."""
+        return np.asarray(self.time)[: int(self.number)]
+
+
+def samples_of(motion: Motion, time: Float[np.ndarray, "wanted"]) -> Samples:
+    """Return some times of a motion as samples."""
+    padded = np.pad(time, (0, ladder(len(time), LEAST) - len(time)), mode="edge")
+    q = motion(padded)[0]
+    return Samples(padded, np.stack([np.cos(q), np.sin(q)]), np.asarray(len(time)))
+
+
 class Linearised(NamedTuple):
     """The linearised equations, and the quasi-static deflection of the end point at the nodes.
 
@@ -400,8 +426,7 @@ class FastMethod(eqx.Module):
 
     motion: Motion
     loads: Loads | None
-    time: Times
-    samples: Int[AnyArray, ""]
+    samples: Samples
     grid: TimeIntervals
     weights: StepWeights
     elastic: bool = eqx.field(static=True)
@@ -435,24 +460,24 @@ class FastMethod(eqx.Module):
         """
         model = self.model(arm)
 
-        def at(time: Array) -> Array:
+        def at(time: Array, turn: Array | None = None) -> Array:
             static = between_nodes(self.grid, linear.bent, time)[0]
-            moved = end_point_of(model, self.motion, time, solved.at(self.grid, time)[0])[1] - static
+            moved = end_point_of(model, self.motion, time, solved.at(self.grid, time)[0], turn)[1] - static
             return moved if self.measured else moved - self._gear_error(model, linear, time)
 
-        return at(jnp.asarray(time)) if time is not None else by_time(at, jnp.asarray(self.time))
+        return at(jnp.asarray(time)) if time is not None else by_time(at, *self.samples[:2])
 
     def solution(self, arm: Arm, linear: Linearised, solved: Fast) -> Solution:
         """Return all of the solution at the samples."""
         model = self.model(arm)
 
-        def at(time: Array) -> Solution:
+        def at(time: Array, turn: Array) -> Solution:
             y, yd = solved.at(self.grid, time)
             static, missed = between_nodes(self.grid, linear.bent, time)[0], self._missed(model, linear, time, y)
             error = self._gear_error(model, linear, time)
-            return Solution(y, yd, *end_point_of(model, self.motion, time, y), static, error, missed)
+            return Solution(y, yd, *end_point_of(model, self.motion, time, y, turn), static, error, missed)
 
-        return by_time(at, jnp.asarray(self.time))
+        return by_time(at, *self.samples[:2])
 
     def vibration_and_missed(self, arm: Arm, linear: Linearised, solved: Fast) -> tuple[Array, Array | None]:
         """Return the vibration at the samples, and by how much curved springs leave their tangents, see `Solution`."""
@@ -461,7 +486,7 @@ class FastMethod(eqx.Module):
         def missed(time: Array) -> Array | None:
             return self._missed(model, linear, time, solved.at(self.grid, time)[0])
 
-        return self.vibration(arm, linear, solved), by_time(missed, jnp.asarray(self.time))
+        return self.vibration(arm, linear, solved), by_time(missed, self.samples.time)
 
     def model(self, arm: Arm) -> Multibody:
         """Gather an arm's equations of motion."""
@@ -484,27 +509,34 @@ class FastMethod(eqx.Module):
         return jnp.concatenate(beyond_tangent(model, bushing_rotations(model, rest), bushing_rotations(model, y)))
 
 
-def by_time(f: Callable[[Array], Any], time: Array) -> Any:
-    """Return what f gives for times, some together, none that are repeated."""
-    chunks = time.reshape((-1, TOGETHER))
+def by_time(f: Callable[..., Any], time: Times, *more: Float[AnyArray, "*rows T"]) -> Any:
+    """Return what f gives for times and what else is given then, some together, none that are repeated."""
+    chunks, *each = (jnp.moveaxis(jnp.reshape(x, (*x.shape[:-1], -1, TOGETHER)), -2, 0) for x in (time, *more))
     real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
-    whole = in_chunks(f, (chunks,), real)
+    whole = in_chunks(f, (chunks, *each), real)
     return jax.tree.map(lambda part: jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1)), whole)
 
 
-def repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
-    """Return times with the last one repeated, in one of few numbers."""
-    return np.pad(time, (0, ladder(len(time), LEAST) - len(time)), mode="edge")
-
-
 def end_point_of(
-    model: Multibody, motion: Motion, time: AnyArray, y: Array
+    model: Multibody, motion: Motion, time: AnyArray, y: Array, turn: Float[AnyArray, "2 driven T"] | None = None
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
-    """Return path and displacement of the end point."""
-    commanded = command(model, motion, time)
+    """Return path and displacement of the end point.
+
+    Args:
+        model: the arm's multibody model.
+        motion: the commanded motion.
+        time: (T,) [s]
+        y: (n, T) the coordinates then.
+        turn: cosine and sine of the commanded angles then, where they are known.
+    """
+    commanded, phi = command(model, motion, time), bushing_rotations(model, y)
+    q = of_joints(model, commanded.q)
+    known = None if turn is None else (of_joints(model, turn[0], still=1.0), of_joints(model, turn[1]))
+    path = end_point(model, q, turn=known)
+    if not (model.belt_driven or model.transmission_error):
+        return path, end_point(model, q, phi, known) - path
     angle = pins(model, commanded, at_rest(deviations(model, y))).pin.angle
-    path = end_point(model, of_joints(model, commanded.q))
-    return path, end_point(model, angle, bushing_rotations(model, y)) - path
+    return path, end_point(model, angle, phi) - path
 
 
 # -------- Each
@@ -530,10 +562,6 @@ class Numbers(eqx.Module):
     def of(cls, numbers: Mapping[str, Any]) -> "Numbers":
         """Gather numbers by path."""
         return cls(tuple(numbers), np.array(list(numbers.values()), float))
-
-    def changed(self, own: Mapping[str, float]) -> "Numbers":
-        """Return the same with other numbers at some paths."""
-        return Numbers.of(dict(zip(self.paths, self.values, strict=True)) | dict(own))
 
     def set_in(self, arm: Arm, own: Mapping[str, AnyArray] = MappingProxyType({})) -> Arm:
         """Return an arm with these numbers, and with those of `own` that are not `OWN`."""
@@ -632,7 +660,7 @@ def each_of(
             without these. What a set lacks is the arm's own.
         gather: reduces the results of an arm's sets, which are on the last axis.
     """
-    samples, count = int(solve.samples), len(next(iter(numbers.values())))
+    samples, count = int(solve.samples.number), len(next(iter(numbers.values())))
     if is_traced(jax.tree.leaves((arm, numbers, solve))):
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
         solved = [_traced(arm, dict(numbers), solve, keep, own) for own in turned]
@@ -641,30 +669,39 @@ def each_of(
         return jax.tree.map(lambda *x: jnp.stack(x, -1), *arms)
     each = each_arm(numbers)
     arm = on_device(arm) if count > cores() else arm  # for few it takes longer than it saves
-    most = len(sets) if count >= cores() else -(-len(sets) // cores())
-    shares = [sets[first : first + most] for first in range(0, len(sets), most)]
-    paths = dict.fromkeys(path for own in sets for path in own)
+    shares = in_shares(sets, 1 if count >= cores() else cores())
 
-    def solved_with(values: Numbers, linear: Linearised, some: Sequence[Mapping[str, float]]) -> Any:
-        filled = [*some, *[some[0]] * (most - len(some))]  # one program for all shares
-        turned = {path: np.array([own.get(path, OWN) for own in filled]) for path in paths}
+    def solved_with(values: Numbers, linear: Linearised, share: tuple[int, Sets]) -> Any:
+        some, turned = share
         response = _excited(arm, values, turned, solve, linear)
         kept = concrete(sampled_for(arm, values, turned, solve, linear, response, keep))
-        return jax.tree.map(lambda x: np.moveaxis(x[: len(some), ..., :samples], 0, -1), kept)
+        return jax.tree.map(lambda x: np.moveaxis(x[:some, ..., :samples], 0, -1), kept)
 
     def gathered(of_shares: Sequence[Any]) -> Any:
         return gather(jax.tree.map(lambda *x: np.concatenate(x, -1), *of_shares))
 
     def all_sets(values: Numbers) -> Any:
-        return gathered([solved_with(values, linearised_for(arm, values, solve), sets)])
+        return gathered([solved_with(values, linearised_for(arm, values, solve), *shares)])
 
     if count >= cores():
         found = at_once([partial(all_sets, values) for values in each])
     else:
         pairs = [(values, linearised_for(arm, values, solve)) for values in each]
-        done = at_once([partial(solved_with, *pair, some) for pair in pairs for some in shares])
+        done = at_once([partial(solved_with, *pair, share) for pair in pairs for share in shares])
         found = [gathered(done[first : first + len(shares)]) for first in range(0, len(done), len(shares))]
     return jax.tree.map(lambda *x: np.stack(x, -1), *found)
+
+
+def in_shares(sets: Sequence[Mapping[str, float]], count: int) -> list[tuple[int, Sets]]:
+    """Return sets in some shares of one size, for which one program serves: how many are in each, and their numbers.
+
+    The last share is filled up with a set that is in it.
+    """
+    most, paths = -(-len(sets) // count), dict.fromkeys(path for own in sets for path in own)
+    shares = [sets[first : first + most] for first in range(0, len(sets), most)]
+    filled = [[*some, *[some[0]] * (most - len(some))] for some in shares]
+    numbers = [{path: np.array([own.get(path, OWN) for own in every]) for path in paths} for every in filled]
+    return list(zip(map(len, shares), numbers, strict=True))
 
 
 @cache
@@ -707,13 +744,7 @@ def linearised_for(arm: Arm, values: Numbers, solve: FastMethod) -> Linearised:
 @jit
 def _excited(arm: Arm, values: Numbers, sets: Sets, solve: FastMethod, linear: Linearised) -> Fast:
     """Return the response of an arm with each of some sets, the first axis; one alone is not batched."""
-
-    def one(own: Sets) -> Fast:
-        return solve.excited(values.set_in(arm, own), linear)
-
-    if all(len(x) == 1 for x in sets.values()):
-        return jax.tree.map(lambda x: x[None], one({path: x[0] for path, x in sets.items()}))
-    return jax.vmap(one)(sets)
+    return for_sets(lambda own: solve.excited(values.set_in(arm, own), linear), sets)
 
 
 @partial(jit, options=LONG_LOOPS)
@@ -722,10 +753,15 @@ def sampled_for(
 ) -> Any:
     """Return the kept results of each set, on the first axis: computed in turn, as the values of one fill the cache."""
 
-    def one(given: tuple[Sets, Fast]) -> Any:
-        return keep(solve, values.set_in(arm, given[0]), linear, given[1])
+    def one(own: Sets, solved: Fast) -> Any:
+        return keep(solve, values.set_in(arm, own), linear, solved)
 
-    every = sets, solved
+    return for_sets(one, sets, solved, in_turn=True)
+
+
+def for_sets(f: Callable[..., Any], sets: Sets, *more: Any, in_turn: bool = False) -> Any:
+    """Return what f gives for each of some sets, and for what else is given for each; one alone is not batched."""
+    given = sets, *more
     if all(len(x) == 1 for x in sets.values()):
-        return jax.tree.map(lambda x: x[None], one(jax.tree.map(lambda x: x[0], every)))
-    return jax.lax.map(one, every)
+        return jax.tree.map(lambda x: x[None], f(*jax.tree.map(lambda x: x[0], given)))
+    return jax.lax.map(lambda each: f(*each), given) if in_turn else jax.vmap(f)(*given)

@@ -24,7 +24,7 @@ from ident.vibrate.fast import (
     numbers_of,
     refuse_collapse,
     refuse_curved,
-    repeated,
+    samples_of,
     vibrations,
 )
 from ident.vibrate.linear import TURN, TURN_WITH_ERROR, filled_up, jumps_of, step_weights, time_intervals
@@ -119,8 +119,8 @@ def _method(
     motion = Motion("motion", np.frombuffer(breaks), np.frombuffer(coefficients).reshape(shape))
     time = sample_times(motion, rate)
     grid = time_intervals(motion, time[-1], step, turn=TURN_WITH_ERROR if error else TURN)
-    weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
-    known = FastMethod(filled_up(motion), None, repeated(time), samples, grid.filled_up(), weights, False, error)
+    padded = filled_up(motion), None, samples_of(motion, time), grid.filled_up(), step_weights(int(grid.steps))
+    known = FastMethod(*padded, elastic=False, transmission_error=error)
     return fast.on_device(known)
 
 
@@ -383,7 +383,7 @@ def superposition(
     refuse_collapse(motion, members)
     errors = {each.phase for each in exciting_orders(arm) if each.of_error}
     of_error = np.array([path in errors for path in unknown], bool)
-    return Superposition(np.asarray(solve.time)[: int(solve.samples)], tuple(unknown), of_error, *parts_of(members))
+    return Superposition(solve.samples.wanted, tuple(unknown), of_error, *parts_of(members))
 
 
 def sets_of(unknown: Sequence[str]) -> list[dict[str, float]]:

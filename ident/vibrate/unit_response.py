@@ -214,7 +214,7 @@ def _response(
         felt = any(sensor.derivative == 2 for sensor in run.sensors if sensor.point == point)
         solve = replace(fast_method(pointed, run.motion, run.loads, False, RATE, None), measured=True)
         keep = _path_and_turn if felt else FastMethod.vibration
-        time = np.asarray(solve.time)[: int(solve.samples)]
+        time = solve.samples.wanted
         own = numbers_of(pointed)
         batch = {path: np.stack([np.asarray(each.get(path, x), float) for each in numbers]) for path, x in own.items()}
         members = np.asarray(each_of(pointed, batch, solve, keep, sets))
@@ -236,7 +236,7 @@ def _path(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Floa
         rest, bent = (between_nodes(solve.grid, x, time)[0] for x in (linear.equations.quasi_static, linear.bent))
         return end_point_of(model, solve.motion, time, rest)[0] + bent
 
-    return by_time(at, jnp.asarray(solve.time))
+    return by_time(at, solve.samples.time)
 
 
 def _path_and_turn(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "9 T"]:
@@ -251,7 +251,7 @@ def _path_and_turn(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast
         axes = jnp.stack(there) - here
         return jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2
 
-    turn, path = by_time(at, jnp.asarray(solve.time)), _path(solve, arm, linear, solved)
+    turn, path = by_time(at, solve.samples.time), _path(solve, arm, linear, solved)
     return jnp.concatenate([solve.vibration(arm, linear, solved), path, turn])
 
 

@@ -52,7 +52,7 @@ def test_kinematic_error_needs_no_shorter_steps_and_intervals() -> None:
     arm, motion = with_error(60.0), named(stroke(lcd_arm().stroke, percent=100, dwell=0.5))  # by programs of `paper`
     step = step_for(arm, motion)
     solve = fast_method(arm, motion, None, False, RATE, step)
-    halved = time_intervals(motion, float(solve.time[-1]), step / 2, turn=TURN_WITH_ERROR / 2)
+    halved = time_intervals(motion, float(solve.samples.time[-1]), step / 2, turn=TURN_WITH_ERROR / 2)
     finer = dataclasses.replace(solve, grid=halved.filled_up(), weights=step_weights(int(halved.steps)))
     numbers = {path: np.asarray(x)[None] for path, x in numbers_of(arm).items()}
 

@@ -482,7 +482,7 @@ def balanced(basis: Basis, rotors: Sequence[Rotor], tried: Sequence[Tried], midd
         found = np.stack([each.draws[first : first + arms] for each in rotors])
         added = np.stack([each.calibration.acts(each.wanted)[first : first + arms] for each in rotors])
         peaks.append(np.stack([np.abs(part).max((0, 1)) for part in drawn.sums(rotors, found, added)]))
-    time, both = np.asarray(solve.time)[: int(solve.samples)], np.concatenate(peaks, 1)
+    time, both = solve.samples.wanted, np.concatenate(peaks, 1)
     errors, motion = (float(np.abs(part).max()) for part in (nominal.errors, nominal.motion))
     return Balance(basis, rotors, tuple(tried), time, before, after, both[:2], both[2:], errors, motion)
 
