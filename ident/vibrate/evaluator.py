@@ -352,7 +352,7 @@ class Evaluator:
             return np.moveaxis(np.concatenate(real), 0, -1)
 
         def one(values: Numbers, along: Numbers, run: Callable[[Any], list[Any]]) -> Any:
-            linear = linear_along(arm, values, along, solve)
+            linear = linear_along(arm, values, along, solve.anywhere)
             solved = run([partial(solved_along, arm, values, along, own, linear, solve) for _, own in shares])
             vibration = gathered(jax.device_get([x for _, x in solved]))
             places = places_of(measure, largest_over_phases(*parts_of(vibration)))

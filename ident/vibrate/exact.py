@@ -144,7 +144,7 @@ def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution
         some = slice(first, first + FEWEST)
         own, inside = grid._replace(start=grid.start[some], step=grid.step[some]), within if len(within) else time[:1]
         part = replace(method, grid=own, samples=samples_of(motion, inside))
-        linear = linearised_for(arm, values, part)
+        linear = linearised_for(arm, values, part.anywhere)
         state = np.zeros(2 * linear.equations.quasi_static.shape[1]) if at_rest else state
         here, state = _solved(arm, values, part, linear, np.asarray(at_rest), state)
         at_rest = False

@@ -16,7 +16,7 @@ References:
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
@@ -360,9 +360,9 @@ def by_stage(f: Float[Array, "n places"]) -> Float[Array, "stages S"]:
 
 TOGETHER = 2048
 """Times at which the response is computed together."""
-LEAST = 10 * TOGETHER
-"""Times of the least program: 40 s at 500 a second, as the nominal arm's stroke at 10 % takes; those behind the samples
-cost next to nothing."""
+LEAST, GROWTH = 2 * TOGETHER, 5
+"""Times of the least program, 8 s at 500 a second, and how many more the next one has: 40 s, as the shipped stroke at
+10 % takes. Behind 10 s of 200 a second, writing zeros to there took a sixth of a run."""
 
 
 class Solution(NamedTuple):
@@ -400,9 +400,13 @@ class Samples(NamedTuple):
         return np.asarray(self.time)[: int(self.number)]
 
 
+NONE = Samples(np.zeros(0), np.zeros((2, 0, 0)), np.asarray(0))
+"""No samples."""
+
+
 def samples_of(motion: Motion, time: Float[np.ndarray, "wanted"]) -> Samples:
     """Return some times of a motion as samples."""
-    padded = np.pad(time, (0, ladder(len(time), LEAST) - len(time)), mode="edge")
+    padded = np.pad(time, (0, ladder(len(time), LEAST, GROWTH) - len(time)), mode="edge")
     q = motion(padded)[0]
     return Samples(padded, np.stack([np.cos(q), np.sin(q)]), np.asarray(len(time)))
 
@@ -432,6 +436,11 @@ class FastMethod(eqx.Module):
     elastic: bool = eqx.field(static=True)
     transmission_error: bool = eqx.field(static=True)
     measured: bool = eqx.field(static=True, default=False)
+
+    @property
+    def anywhere(self) -> "FastMethod":
+        """The same without samples, on which the equations do not depend: one program for any number of them."""
+        return replace(self, samples=NONE)
 
     def linearised(self, arm: Arm) -> Linearised:
         """Linearise an arm's equations of motion along the motion."""
@@ -660,7 +669,7 @@ def each_of(
             without these. What a set lacks is the arm's own.
         gather: reduces the results of an arm's sets, which are on the last axis.
     """
-    samples, count = int(solve.samples.number), len(next(iter(numbers.values())))
+    samples, anywhere, count = int(solve.samples.number), solve.anywhere, len(next(iter(numbers.values())))
     if is_traced(jax.tree.leaves((arm, numbers, solve))):
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
         solved = [_traced(arm, dict(numbers), solve, keep, own) for own in turned]
@@ -673,7 +682,7 @@ def each_of(
 
     def solved_with(values: Numbers, linear: Linearised, share: tuple[int, Sets]) -> Any:
         some, turned = share
-        response = _excited(arm, values, turned, solve, linear)
+        response = _excited(arm, values, turned, anywhere, linear)
         kept = concrete(sampled_for(arm, values, turned, solve, linear, response, keep))
         return jax.tree.map(lambda x: np.moveaxis(x[:some, ..., :samples], 0, -1), kept)
 
@@ -681,12 +690,12 @@ def each_of(
         return gather(jax.tree.map(lambda *x: np.concatenate(x, -1), *of_shares))
 
     def all_sets(values: Numbers) -> Any:
-        return gathered([solved_with(values, linearised_for(arm, values, solve), *shares)])
+        return gathered([solved_with(values, linearised_for(arm, values, anywhere), *shares)])
 
     if count >= cores():
         found = at_once([partial(all_sets, values) for values in each])
     else:
-        pairs = [(values, linearised_for(arm, values, solve)) for values in each]
+        pairs = [(values, linearised_for(arm, values, anywhere)) for values in each]
         done = at_once([partial(solved_with, *pair, share) for pair in pairs for share in shares])
         found = [gathered(done[first : first + len(shares)]) for first in range(0, len(done), len(shares))]
     return jax.tree.map(lambda *x: np.stack(x, -1), *found)

@@ -195,7 +195,7 @@ FINER = 8
 """Intervals are at most this much shorter than they must be, where that makes them more alike."""
 INTERVAL_COST = 90
 """What an interval costs apart from its steps, in steps: measured on the paper's arm."""
-MOST_STEPS = 200
+MOST_STEPS = 216
 """Steps of an interval at most: beyond, its intermediate values leave the cache."""
 FEWEST = 28
 """Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and two seconds' dwell has no more."""

@@ -1,4 +1,4 @@
-"""Thirty faults, one a capability, and the tier that finds each: `python tests/benchmarks/faults.py --resume FILE`.
+"""Faults, one a capability, and the tier that finds each: `python tests/benchmarks/faults.py --resume FILE`.
 
 Each is put into a copy of the tree by an exact replacement of text, and the tests listed with it are run to their first
 failure; a fault that they do not find has the whole tier run (`--whole`). Two minutes a fault and tier.
@@ -86,6 +86,12 @@ FAULTS = (
           "f = sum((slopes[:, pin]", "f = sum((-slopes[:, pin]", "vibrate/test_one_joint.py vibrate/test_exact.py"),
     Fault("waves of an imbalance", "vibrate/fast.py",
           "sine * turned[1]", "sine * turned[0]", "vibrate/test_one_joint.py vibrate/test_exact.py"),
+    Fault("sines of commanded angles", "vibrate/fast.py",
+          "np.stack([np.cos(q), np.sin(q)])", "np.stack([np.cos(q), -np.sin(q)])",
+          "vibrate/test_one_joint.py vibrate/test_exact.py"),
+    Fault("slopes over phases", "vibrate/evaluator.py",
+          "solve.excited(now.set_in(arm, own), linear)", "solve.excited(now.set_in(arm), linear)",
+          "vibrate/test_worst_case.py"),
     Fault("exact method", "vibrate/exact.py",
           "v + h * once", "v + 0.99 * h * once", "vibrate/test_one_joint.py vibrate/test_exact.py"),
     Fault("input shaping", "vibrate/shaping.py",

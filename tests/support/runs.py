@@ -59,10 +59,12 @@ def short(arm: Arm, motion: Motion, **options) -> Response:
 
 
 @cache
-def paper(percent: float, method: str, elastic: bool = False, error: float = 0.0) -> Response:
+def paper(
+    percent: float, method: str, elastic: bool = False, error: float = 0.0, step: float | None = None
+) -> Response:
     """The paper's run and half a second of dwell: with transmission errors it has no more intervals than a swing."""
     motion = named(stroke(lcd_arm().stroke, percent=percent, dwell=0.5))
-    return simulate(with_error(error), motion, method=method, elastic_belts=elastic)
+    return simulate(with_error(error), motion, method=method, elastic_belts=elastic, step=step)
 
 
 def with_error(arcsec: float) -> Arm:

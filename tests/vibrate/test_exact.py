@@ -45,10 +45,15 @@ def run(arm: Arm, motion: Motion, y: np.ndarray, yd: np.ndarray, **options: floa
     return exact.integrate(arm, motion, method, step_for(arm, motion), (y, yd), **options)
 
 
-@pytest.mark.parametrize(("percent", "span", "engine"), [(10, FASTEST, QuickMujoco), (100, QUICKEST, PinocchioMoving)])
-def test_against_another_engine(percent: float, span: slice, engine: type) -> None:
-    """From ident's state where the pulleys turn fastest; the whole run is in benchmarks/whole_run.py."""
-    response, fast = paper(percent, "exact"), paper(percent, "fast")
+@pytest.mark.parametrize(
+    ("percent", "span", "engine", "step"), [(10, FASTEST, QuickMujoco, None), (100, QUICKEST, PinocchioMoving, 2e-3)]
+)
+def test_against_another_engine(percent: float, span: slice, engine: type, step: float | None) -> None:
+    """From ident's state where the pulleys turn fastest; the whole run is in benchmarks/whole_run.py.
+
+    Its rates between steps, with which the engine starts, err by more than the rest: they ask for short steps.
+    """
+    response, fast = paper(percent, "exact", step=step), paper(percent, "fast")
     y, yd = (np.asarray(part)[:, span] for part in (response.y, response.yd))
     times = np.asarray(response.time)[span]
     start = np.concatenate([y[:, 0], yd[:, 0]])
@@ -56,7 +61,7 @@ def test_against_another_engine(percent: float, span: slice, engine: type) -> No
     peak = np.abs(np.asarray(response.vibration)).max(1)
     exactly, fast = (np.asarray(r.displacement)[:, span] / peak[:, None] for r in (response, fast))
     theirs, source = theirs / peak[:, None], f"{title(engine)}, its own integration"
-    # measured: 5e-8 at 10 %; 9.7e-7 at 100 %, by the rates between steps, with which the engine starts
+    # measured: 9e-8 at 10 %; 2.7e-7 at 100 %
     what = f"the paper's arm at {percent:g} %, over its peak"
     agrees(exactly, theirs, "vibration", f"{what}, exact method", source, atol=1e-6)
     assert apart(states[:9], y).max() < 1e-5
