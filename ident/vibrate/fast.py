@@ -360,9 +360,9 @@ def by_stage(f: Float[Array, "n places"]) -> Float[Array, "stages S"]:
 
 TOGETHER = 2048
 """Times at which the response is computed together."""
-LEAST, GROWTH = 2 * TOGETHER, 5
-"""Times of the least program, 8 s at 500 a second, and how many more the next one has: 40 s, as the shipped stroke at
-10 % takes. Behind 10 s of 200 a second, writing zeros to there took a sixth of a run."""
+LEAST, FEW = 10 * TOGETHER, 2 * TOGETHER
+"""Times of the least program, 40 s at 500 a second, as the nominal arm's stroke at 10 % takes; and of one for many arms:
+writing zeros behind the samples takes a sixth of each one's time."""
 
 
 class Solution(NamedTuple):
@@ -404,9 +404,9 @@ NONE = Samples(np.zeros(0), np.zeros((2, 0, 0)), np.asarray(0))
 """No samples."""
 
 
-def samples_of(motion: Motion, time: Float[np.ndarray, "wanted"]) -> Samples:
+def samples_of(motion: Motion, time: Float[np.ndarray, "wanted"], least: int = LEAST) -> Samples:
     """Return some times of a motion as samples."""
-    padded = np.pad(time, (0, ladder(len(time), LEAST, GROWTH) - len(time)), mode="edge")
+    padded = np.pad(time, (0, ladder(len(time), least) - len(time)), mode="edge")
     q = motion(padded)[0]
     return Samples(padded, np.stack([np.cos(q), np.sin(q)]), np.asarray(len(time)))
 

@@ -14,7 +14,7 @@ from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, exciting_orders, has_transmission_error, multibody
 from ident.errors import refusal
-from ident.programs import RUNS_ONCE, AnyArray, jit, library
+from ident.programs import RUNS_ONCE, AnyArray, concrete, jit, library
 from ident.text import no_such
 from ident.vibrate import exact, fast
 from ident.vibrate.fast import (
@@ -92,6 +92,8 @@ def _whole(arm: Arm, batch: tuple[int, ...], solve: FastMethod) -> Solution:
     """Solve for an arm, and for each of its batch, whose axes come last."""
     numbers, xp = numbers_of(arm), library(arm)
     flat = {path: (xp.broadcast_to(x, batch) if batch else xp.asarray(x)).reshape(-1) for path, x in numbers.items()}
+    if batch:
+        solve = replace(solve, samples=samples_of(concrete(solve.motion), solve.samples.wanted, fast.FEW))
     solutions = each_of(nominal(arm) if batch else arm, flat, solve, FastMethod.solution)
     return jax.tree.map(lambda x: x.reshape((*x.shape[:-2], *batch)), solutions)
 
