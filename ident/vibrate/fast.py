@@ -361,7 +361,7 @@ def by_stage(f: Float[Array, "n places"]) -> Float[Array, "stages S"]:
 TOGETHER = 2048
 """Times at which the response is computed together."""
 LEAST, FEW = 10 * TOGETHER, 2 * TOGETHER
-"""Times of the least program, 40 s at 500 a second, as the nominal arm's stroke at 10 % takes; and of one for many arms:
+"""Times of the least program, 40 s at 500 a second as the nominal arm's stroke at 10 % takes, and of one for many arms:
 writing zeros behind the samples takes a sixth of each one's time."""
 
 
