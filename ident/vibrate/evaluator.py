@@ -83,7 +83,7 @@ def worst_state(arm: Arm, posture: Float[AnyArray, "driven ends"], loads: Loads 
 
 
 # -------- Slopes
-# Exact slopes of an amplitude by numbers of an arm: three programs for all evaluators of an arm, a motion, a measure.
+# Exact slopes of an amplitude by numbers of an arm: three programs for an arm, a motion, a measure, its unknown phases.
 
 WIDTH = 3
 """Forward derivatives computed together: with more variables the same program runs several times."""
@@ -352,7 +352,7 @@ class Evaluator:
             return np.moveaxis(np.concatenate(real), 0, -1)
 
         def one(values: Numbers, along: Numbers, run: Callable[[Any], list[Any]]) -> Any:
-            linear = linear_along(arm, values, along, solve.anywhere)
+            linear = linear_along(arm, values, along, solve.without_samples)
             solved = run([partial(solved_along, arm, values, along, own, linear, solve) for _, own in shares])
             vibration = gathered(jax.device_get([x for _, x in solved]))
             places = places_of(measure, largest_over_phases(*parts_of(vibration)))

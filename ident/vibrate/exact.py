@@ -143,12 +143,13 @@ def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution
     for first, within in zip(firsts, times, strict=True):
         some = slice(first, first + FEWEST)
         own, inside = grid._replace(start=grid.start[some], step=grid.step[some]), within if len(within) else time[:1]
-        part = replace(method, grid=own, samples=samples_of(motion, inside))
-        linear = linearised_for(arm, values, part.anywhere)
+        part = replace(method.without_samples, grid=own)
+        linear = linearised_for(arm, values, part)
         state = np.zeros(2 * linear.equations.quasi_static.shape[1]) if at_rest else state
         here, state = _solved(arm, values, part, linear, np.asarray(at_rest), state)
         at_rest = False
-        parts.append(concrete(sampled_for(arm, values, {}, part, linear, here, FastMethod.solution)))
+        sampled = replace(part, samples=samples_of(motion, inside))
+        parts.append(concrete(sampled_for(arm, values, {}, sampled, linear, here, FastMethod.solution)))
 
     def joined(*sampled: np.ndarray) -> np.ndarray:
         return np.concatenate([x[0, ..., : len(within)] for x, within in zip(sampled, times, strict=True)], -1)

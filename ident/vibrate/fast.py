@@ -286,8 +286,8 @@ class Waves(NamedTuple):
 
     Attributes:
         sure: (n, m) at any angle of the pulleys: the quasi-static deflection, and the inertia of the eccentric masses.
-        cosine: (n, D, m) what each drive's eccentric mass adds times the cosine of its angle,
-        sine: (n, D, m) and times its sine.
+        cosine: (n, D, m) what each drive's eccentric mass adds times the cosine of its pulley's angle,
+        sine: (n, D, m) and times the sine; the mass's phase is in both.
     """
 
     sure: Float[Array, "n m"]
@@ -296,7 +296,7 @@ class Waves(NamedTuple):
 
 
 def _waves(model: Multibody, motion: Motion, linear: Linear, nodes: Float[Array, "m"], length: Array) -> Waves:
-    """Return what an eccentric mass asks for as a wave of its angle, whose amplitudes change as slowly as the posture.
+    """Return what an eccentric mass asks for as a wave of its pulley's angle; its amplitudes change with the posture.
 
     Left out is what goes with twice the angle, the square of an eccentricity times how fast the shaft tilts: 1e-6 of
     the vibration of the paper's arm, 5e-4 at most of three arms of skew axes with 20 mm.
@@ -360,9 +360,11 @@ def by_stage(f: Float[Array, "n places"]) -> Float[Array, "stages S"]:
 
 TOGETHER = 2048
 """Times at which the response is computed together."""
-LEAST, FEW = 10 * TOGETHER, 2 * TOGETHER
-"""Times of the least program, 40 s at 500 a second as the nominal arm's stroke at 10 % takes, and of one for many arms:
-writing zeros behind the samples takes a sixth of each one's time."""
+GROWTH, FEW = 5, 2 * TOGETHER
+"""Sizes of programs by times: this often larger each, and the least of them, for batches of arms, each of which would
+write zeros behind its samples for a sixth of its time."""
+LEAST = GROWTH * FEW
+"""The least size for all else: 40 s at 500 a second, as the nominal arm's stroke at 10 % takes."""
 
 
 class Solution(NamedTuple):
@@ -386,7 +388,7 @@ class Samples(NamedTuple):
 
     Attributes:
         time: (T,) [s] the last one repeated.
-        turn: (2, driven, T) cosine and sine of the commanded angles then: half of what samples cost XLA.
+        turn: (2, driven, T) cosine and sine of the commanded angles then: within a program they took half of its time.
         number: () of the times that are wanted.
     """
 
@@ -400,14 +402,13 @@ class Samples(NamedTuple):
         return np.asarray(self.time)[: int(self.number)]
 
 
-NONE = Samples(np.zeros(0), np.zeros((2, 0, 0)), np.asarray(0))
-"""No samples."""
+NO_SAMPLES = Samples(np.zeros(0), np.zeros((2, 0, 0)), np.asarray(0))
 
 
 def samples_of(motion: Motion, time: Float[np.ndarray, "wanted"], least: int = LEAST) -> Samples:
     """Return some times of a motion as samples."""
-    padded = np.pad(time, (0, ladder(len(time), least) - len(time)), mode="edge")
-    q = motion(padded)[0]
+    padding = (0, 0), (0, ladder(len(time), least, GROWTH) - len(time))
+    padded, *q = np.pad(np.vstack([time, motion(time)[0]]), padding, mode="edge")
     return Samples(padded, np.stack([np.cos(q), np.sin(q)]), np.asarray(len(time)))
 
 
@@ -422,7 +423,7 @@ class Linearised(NamedTuple):
 
 
 class FastMethod(eqx.Module):
-    """The fast method for one arm, all else given.
+    """The fast method for one arm, all else given; samples, grid and weights belong to the motion.
 
     What the transmission error does to the arm at rest, at any speed, is no vibration, but a sensor has it in its
     trace: `measured` counts it in.
@@ -438,9 +439,9 @@ class FastMethod(eqx.Module):
     measured: bool = eqx.field(static=True, default=False)
 
     @property
-    def anywhere(self) -> "FastMethod":
-        """The same without samples, on which the equations do not depend: one program for any number of them."""
-        return replace(self, samples=NONE)
+    def without_samples(self) -> "FastMethod":
+        """The same for the equations of motion: one program for any number of samples."""
+        return replace(self, samples=NO_SAMPLES)
 
     def linearised(self, arm: Arm) -> Linearised:
         """Linearise an arm's equations of motion along the motion."""
@@ -669,7 +670,7 @@ def each_of(
             without these. What a set lacks is the arm's own.
         gather: reduces the results of an arm's sets, which are on the last axis.
     """
-    samples, anywhere, count = int(solve.samples.number), solve.anywhere, len(next(iter(numbers.values())))
+    samples, count, equations = int(solve.samples.number), len(next(iter(numbers.values()))), solve.without_samples
     if is_traced(jax.tree.leaves((arm, numbers, solve))):
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
         solved = [_traced(arm, dict(numbers), solve, keep, own) for own in turned]
@@ -682,7 +683,7 @@ def each_of(
 
     def solved_with(values: Numbers, linear: Linearised, share: tuple[int, Sets]) -> Any:
         some, turned = share
-        response = _excited(arm, values, turned, anywhere, linear)
+        response = _excited(arm, values, turned, equations, linear)
         kept = concrete(sampled_for(arm, values, turned, solve, linear, response, keep))
         return jax.tree.map(lambda x: np.moveaxis(x[:some, ..., :samples], 0, -1), kept)
 
@@ -690,21 +691,22 @@ def each_of(
         return gather(jax.tree.map(lambda *x: np.concatenate(x, -1), *of_shares))
 
     def all_sets(values: Numbers) -> Any:
-        return gathered([solved_with(values, linearised_for(arm, values, anywhere), *shares)])
+        return gathered([solved_with(values, linearised_for(arm, values, equations), *shares)])
 
     if count >= cores():
         found = at_once([partial(all_sets, values) for values in each])
     else:
-        pairs = [(values, linearised_for(arm, values, anywhere)) for values in each]
+        pairs = [(values, linearised_for(arm, values, equations)) for values in each]
         done = at_once([partial(solved_with, *pair, share) for pair in pairs for share in shares])
         found = [gathered(done[first : first + len(shares)]) for first in range(0, len(done), len(shares))]
     return jax.tree.map(lambda *x: np.stack(x, -1), *found)
 
 
 def in_shares(sets: Sequence[Mapping[str, float]], count: int) -> list[tuple[int, Sets]]:
-    """Return sets in some shares of one size, for which one program serves: how many are in each, and their numbers.
+    """Divide sets into so many shares at most, of one size: one program serves all.
 
-    The last share is filled up with a set that is in it.
+    Returns:
+        Of each share how many sets are real, and their numbers by path, filled up with those of its first set.
     """
     most, paths = -(-len(sets) // count), dict.fromkeys(path for own in sets for path in own)
     shares = [sets[first : first + most] for first in range(0, len(sets), most)]

@@ -195,8 +195,10 @@ FINER = 8
 """Intervals are at most this much shorter than they must be, where that makes them more alike."""
 INTERVAL_COST = 90
 """What an interval costs apart from its steps, in steps: measured on the paper's arm."""
-MOST_STEPS = 216
-"""Steps of an interval at most: beyond, its intermediate values leave the cache."""
+STEPS, MOST_CHUNKS = 24, 9
+"""Steps that are computed together: few are slower each, of many more are beyond the last of an interval; and chunks of
+them in an interval at most: beyond, its intermediate values leave the cache."""
+MOST_STEPS = MOST_CHUNKS * STEPS
 FEWEST = 28
 """Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and two seconds' dwell has no more."""
 TOGETHER = 4
@@ -405,10 +407,6 @@ STAGES = 3
 """Stages of a step; the order is twice as high."""
 GAUSS = (np.polynomial.legendre.leggauss(STAGES)[0] + 1) / 2
 """The stages within a step, from 0 to 1."""
-STEPS = 24
-"""Steps that are computed together: few are slower each, of many more are beyond the last of an interval."""
-MOST_CHUNKS = -(-MOST_STEPS // STEPS)
-"""Chunks of steps of an interval."""
 
 
 class StepWeights(NamedTuple):

@@ -232,11 +232,11 @@ def _path(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Floa
     """Return the path of the end point with its quasi-static deflection [m]."""
     model = solve.model(arm)
 
-    def at(time: Array) -> Array:
+    def at(time: Array, turn: Array) -> Array:
         rest, bent = (between_nodes(solve.grid, x, time)[0] for x in (linear.equations.quasi_static, linear.bent))
-        return end_point_of(model, solve.motion, time, rest)[0] + bent
+        return end_point_of(model, solve.motion, time, rest, turn)[0] + bent
 
-    return by_time(at, solve.samples.time)
+    return by_time(at, *solve.samples[:2])
 
 
 def _path_and_turn(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "9 T"]:
@@ -244,14 +244,14 @@ def _path_and_turn(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast
     model = solve.model(arm)
     ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
 
-    def at(time: Array) -> Array:
+    def at(time: Array, turn: Array) -> Array:
         """Half the sum of a x b, a an axis of the link on the path, b how it has moved."""
         y, _ = solved.at(solve.grid, time)
-        here, *there = (jnp.stack(end_point_of(each, solve.motion, time, y)) for each in (model, *ends))
+        here, *there = (jnp.stack(end_point_of(each, solve.motion, time, y, turn)) for each in (model, *ends))
         axes = jnp.stack(there) - here
         return jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2
 
-    turn, path = by_time(at, solve.samples.time), _path(solve, arm, linear, solved)
+    turn, path = by_time(at, *solve.samples[:2]), _path(solve, arm, linear, solved)
     return jnp.concatenate([solve.vibration(arm, linear, solved), path, turn])
 
 

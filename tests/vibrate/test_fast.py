@@ -5,12 +5,12 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import lcd_arm
+from arms import lcd_arm, random_arm
 from conformance import agrees
 from runs import hold_still, named, swing, with_error
 
 from ident.arm.multibody import multibody
-from ident.vibrate.fast import TWICE, FastMethod, each_of, excited, numbers_of, step_for
+from ident.vibrate.fast import TWICE, FastMethod, each_of, end_point_of, excited, numbers_of, samples_of, step_for
 from ident.vibrate.linear import (
     GAUSS,
     NODE_PLACES,
@@ -64,6 +64,16 @@ def test_kinematic_error_needs_no_shorter_steps_and_intervals() -> None:
     usual, converged = vibration(solve), vibration(finer)
     off = np.abs(usual - converged).max(1) / np.abs(converged).max()
     assert (off < 1e-3).all()
+
+
+def test_end_point_by_known_sines() -> None:
+    """Those of the samples are those of the motion, and a joint without a drive has no angle."""
+    rng = np.random.default_rng(8)
+    model, time = multibody(random_arm(rng, 4, undriven=(1,)), rank=1), np.linspace(0.0, 1.0, 50)
+    motion, y = Motion("any", np.array([0.0, 1.0]), rng.normal(size=(4, 1, 3))), 1e-2 * rng.normal(size=(12, 50))
+    turn = samples_of(motion, time).turn[..., :50]
+    known, computed = (end_point_of(model, motion, time, jnp.asarray(y), *given) for given in ([turn], []))
+    np.testing.assert_allclose(known, computed, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("n", [3, 4, 6, 10])
