@@ -1,8 +1,9 @@
 """Redesign: minimum amplitude, minimum change, minimum probability of exceedance, within bounds."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -124,8 +125,14 @@ def design(
     search = Search(evaluator, required)
     if not search.can_be_met(seed):
         raise ModelError(_why_not(search, seed))
-    first = search.with_phases()
-    ends = side_by_side([partial(first.minimum_amplitude, u) for u in first.starts(starts, seed)], progress)
+
+    def begun() -> tuple[Search, list[np.ndarray]]:
+        first = search.with_phases()
+        return first, first.starts(starts, seed)
+
+    jobs: list[Callable[[], Any]] = [begun, lambda: search.objective.present]  # its programs take a second to load
+    (first, points), _ = side_by_side(jobs)
+    ends = side_by_side([partial(first.minimum_amplitude, u) for u in points], progress)
     optima = [(_place(search, u, limit), u) for u in ends if u is not None]
     if not optima:
         raise ModelError(_why_not(search, seed))
