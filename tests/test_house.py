@@ -9,7 +9,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1] / "ident"
 FILES = sorted(PACKAGE.rglob("*.py"))
 LINES, MANY_LINES, FEW_LINES, PARAMETERS = 900, 700, 60, 9
-CODE_LINES = 40_449
+CODE_LINES = 40_445
 """Of the package, without docstrings, comments, blank lines and imports. What comes in is paid for by what goes out."""
 BOUND = ("self", "cls")
 

@@ -124,20 +124,16 @@ def solved_along(
     """Return an arm's responses with some sets, how they change along directions, and its vibrations [m]."""
 
     def one(own: Sets) -> tuple[Fast, Fast]:
-        def excited(now: Numbers, linear: Linearised) -> Fast:
-            return solve.excited(now.set_in(arm, own), linear)
-
-        def along(direction: Numbers, changing: Linearised) -> tuple[Fast, Fast]:
-            return jax.jvp(excited, (values, linear[0]), (direction, changing))
+        def along(*tangents: Any) -> tuple[Fast, Fast]:
+            now = values, linear[0]
+            return jax.jvp(lambda now, linear: solve.excited(now.set_in(arm, own), linear), now, tangents)
 
         pair: tuple[Fast, Fast] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
         return pair
 
-    def vibration(own: Sets, solved: Fast) -> Array:
-        return solve.vibration(values.set_in(arm, own), linear[0], solved)
-
     pair = for_sets(one, sets)
-    return pair, for_sets(vibration, sets, pair[0], in_turn=True)
+    seen = for_sets(lambda own, z: solve.vibration(values.set_in(arm, own), linear[0], z), sets, pair[0], in_turn=True)
+    return pair, seen
 
 
 @jit

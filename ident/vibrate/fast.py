@@ -763,11 +763,7 @@ def sampled_for(
     arm: Arm, values: Numbers, sets: Sets, solve: FastMethod, linear: Linearised, solved: Fast, keep: Keep
 ) -> Any:
     """Return the kept results of each set, on the first axis: computed in turn, as the values of one fill the cache."""
-
-    def one(own: Sets, solved: Fast) -> Any:
-        return keep(solve, values.set_in(arm, own), linear, solved)
-
-    return for_sets(one, sets, solved, in_turn=True)
+    return for_sets(lambda own, z: keep(solve, values.set_in(arm, own), linear, z), sets, solved, in_turn=True)
 
 
 def for_sets(f: Callable[..., Any], sets: Sets, *more: Any, in_turn: bool = False) -> Any:
