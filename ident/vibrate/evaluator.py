@@ -125,8 +125,8 @@ def solved_along(
 
     def one(own: Sets) -> tuple[Fast, Fast]:
         def along(*tangents: Any) -> tuple[Fast, Fast]:
-            now = values, linear[0]
-            return jax.jvp(lambda now, linear: solve.excited(now.set_in(arm, own), linear), now, tangents)
+            here = values, linear[0]
+            return jax.jvp(lambda now, linear: solve.excited(now.set_in(arm, own), linear), here, tangents)
 
         pair: tuple[Fast, Fast] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
         return pair
@@ -356,8 +356,8 @@ class Evaluator:
                 partial(vibration_along, arm, values, along, own, linear, pair, solve, places)
                 for (_, own), (pair, _) in zip(shares, solved, strict=True)
             ]
-            seen, ways = map(gathered, zip(*jax.device_get(run(jobs)), strict=True))
-            return with_slopes(measure, parts_of(seen), parts_of(ways))
+            seen, changing = map(gathered, zip(*jax.device_get(run(jobs)), strict=True))
+            return with_slopes(measure, parts_of(seen), parts_of(changing))
 
         if len(ways) > 1:
             done = at_once([partial(one, *way, lambda jobs: [job() for job in jobs]) for way in ways])

@@ -296,7 +296,7 @@ class Waves(NamedTuple):
 
 
 def _waves(model: Multibody, motion: Motion, linear: Linear, nodes: Float[Array, "m"], length: Array) -> Waves:
-    """Return what an eccentric mass asks for as a wave of its pulley's angle; its amplitudes change with the posture.
+    """Return what an eccentric mass asks for as a wave of its pulley's angle, its amplitudes as smooth as the posture.
 
     Left out is what goes with twice the angle, the square of an eccentricity times how fast the shaft tilts: 1e-6 of
     the vibration of the paper's arm, 5e-4 at most of three arms of skew axes with 20 mm.
@@ -361,10 +361,10 @@ def by_stage(f: Float[Array, "n places"]) -> Float[Array, "stages S"]:
 TOGETHER = 2048
 """Times at which the response is computed together."""
 GROWTH, FEW = 5, 2 * TOGETHER
-"""Sizes of programs by times: this often larger each, and the least of them, for batches of arms, each of which would
-write zeros behind its samples for a sixth of its time."""
+"""Numbers of times of programs: each is five times the one before. Batches of arms begin at the least: to write zeros
+behind 10 s of 200 samples a second takes a sixth of an arm's time."""
 LEAST = GROWTH * FEW
-"""The least size for all else: 40 s at 500 a second, as the nominal arm's stroke at 10 % takes."""
+"""Where all else begins: 40 s at 500 a second, as the nominal arm's stroke at 10 % takes."""
 
 
 class Solution(NamedTuple):
@@ -767,7 +767,7 @@ def sampled_for(
 
 
 def for_sets(f: Callable[..., Any], sets: Sets, *more: Any, in_turn: bool = False) -> Any:
-    """Return what f gives for each of some sets, and for what else is given for each; one alone is not batched."""
+    """Return what f gives for each of some sets and what else is given for it; one alone, or in turn: not batched."""
     given = sets, *more
     if all(len(x) == 1 for x in sets.values()):
         return jax.tree.map(lambda x: x[None], f(*jax.tree.map(lambda x: x[0], given)))
